@@ -1,0 +1,99 @@
+"""The contact interface (the unified interface of the Contact Dynamics Library): the records that every tier shares.
+
+World frame: z up. Suffix ``_0`` = resolved in the world frame. ``T`` is the rotation from world to wheel, as ``R.T`` in
+Modelica.Mechanics.MultiBody.Frames: ``v_wheel = T @ v_0``. The wheel frame spins with the wheel; its y axis is the axle, to the left.
+"""
+
+from __future__ import annotations
+
+from .records import Array, Real, Record
+
+_BIG = 1e6  # [m], [m/s], [rad/s]: beyond this a value is not a rover's
+_IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _pose_and_twist(of: str) -> Record:
+    return Record(
+        r_0=Real(0.0, "m", f"Position of {of}, resolved in world", (3,), -_BIG, _BIG),
+        T=Real(_IDENTITY, "1", f"Rotation from world to the frame of {of} (R.T of MultiBody)", (3, 3), -1.001, 1.001),
+        v_0=Real(0.0, "m/s", f"Velocity of {of}, resolved in world", (3,), -_BIG, _BIG),
+        w_0=Real(0.0, "rad/s", f"Angular velocity of {of}, resolved in world", (3,), -_BIG, _BIG),
+    )
+
+
+def wheel_pose(n: int) -> Record:
+    """Pose and twist of ``n`` wheels, about the wheel's centre."""
+    return Record(wheel=Array(n, _pose_and_twist("the wheel's centre")))
+
+
+def wheel_active(n: int) -> Record:
+    """Weight of the contact on each wheel, to switch tiers at run time."""
+    return Record(wheel=Array(n, Record(active=Real(1.0, "1", "Weight of this contact's wrench, 0 (off) to 1 (on)", min=0.0, max=1.0))))
+
+
+def wheel_wrench(n: int) -> Record:
+    """Wrench on each of ``n`` wheels, about the wheel's centre."""
+    return Record(
+        wheel=Array(
+            n,
+            Record(
+                f_0=Real(0.0, "N", "Contact force on the wheel, resolved in world", (3,)),
+                t_0=Real(0.0, "N.m", "Contact torque on the wheel about its centre, resolved in world", (3,)),
+            ),
+        )
+    )
+
+
+def contact_jacobian(n: int) -> Record:
+    """Interface Jacobian of each contact: near the anchor the force at ``point`` is F - K (x - x_a) - D (v - v_a), in ``axes``.
+
+    K and D are diagonal and oppose motion; friction gives the secant, the normal force the tangent (coupling of stiff contacts at 1 ms).
+    """
+    return Record(
+        contact=Array(
+            n,
+            Record(
+                point_0=Real(0.0, "m", "Contact point, resolved in world", (3,)),
+                axes=Real(_IDENTITY, "1", "Rows: longitudinal, lateral and normal axis of the contact, resolved in world", (3, 3)),
+                F=Real(0.0, "N", "Contact force on the wheel at the anchor, resolved in axes", (3,)),
+                K=Real(0.0, "N/m", "Stiffness along each axis, opposing motion", (3,), min=0.0),
+                D=Real(0.0, "N.s/m", "Damping along each axis, opposing motion", (3,), min=0.0),
+                in_contact=Real(0.0, "1", "1 while the wheel touches the ground, else 0", min=0.0, max=1.0),
+                anchor=_pose_and_twist("the wheel's centre for which F was evaluated"),
+            ),
+        )
+    )
+
+
+def diagnostics(n: int) -> Record:
+    """What an engineer plots of each wheel; forces in the heading frame (z global, x along the wheel's heading)."""
+    return Record(
+        diagnostics=Array(
+            n,
+            Record(
+                sinkage=Real(0.0, "m", "Sinkage of the wheel's lowest rim point below undeformed ground"),
+                slip=Real(0.0, "1", "Slip: 1 - v_x/(r omega) driving, r omega/v_x - 1 in skid"),
+                slip_angle=Real(0.0, "rad", "Angle from the wheel's heading to its velocity, positive to the left"),
+                theta_entry=Real(0.0, "rad", "Entry angle theta_1 from nadir, positive forward"),
+                theta_exit=Real(0.0, "rad", "Exit angle theta_0 from nadir, positive forward"),
+                drawbar_pull=Real(0.0, "N", "Longitudinal contact force in the heading frame"),
+                lateral_force=Real(0.0, "N", "Lateral contact force in the heading frame, positive to the left"),
+                normal_load=Real(0.0, "N", "Vertical contact force"),
+                drive_torque=Real(0.0, "N.m", "Torque that the drive has to exert against the contact, about the axle"),
+            ),
+        )
+    )
+
+
+def patch_in(n: int, nx: int = 13, ny: int = 9) -> Record:
+    """Height patch around each of ``n`` wheels: nodes at multiples of the spacing in world axes."""
+    return Record(
+        patch=Array(
+            n,
+            Record(
+                origin=Real(0.0, "m", "World x and y of node [1,1]", (2,), -_BIG, _BIG),
+                spacing=Real(0.0, "m", "Distance of neighbouring nodes; 0 = no patch yet", min=0.0, max=1.0),
+                z=Real(0.0, "m", "Height of the soil surface at node [x,y]", (nx, ny), -_BIG, _BIG),
+            ),
+        )
+    )

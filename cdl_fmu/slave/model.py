@@ -1,0 +1,183 @@
+"""Models: records plus initialise and step; and an instance of one, which owns the memory the records lie in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .kernel import kernel, record_entry
+from .records import Choice, Record, Scalar
+
+
+class ModelError(Exception):
+    """A model refuses a value or cannot go on; the message names the variable, its value, unit and bound, and the remedy."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """What a step's status number means. ``text`` may use ``{i}``, the number from 1 of the wheel, patch or body concerned."""
+
+    text: str
+    is_error: bool = True
+
+
+#: A step returns ``status + STATUS_SPAN * index``: the number of an event, and the index from 0 of what it is about.
+STATUS_SPAN = 256
+
+
+class Model:
+    """Records and two functions. A subclass sets the records in ``__init__`` from its sizes, which are build-time constants.
+
+    Attributes:
+        identifier: FMI model identifier; sizes are part of it.
+        sizes: The keyword arguments that built this model.
+        parameters, inputs, state, outputs: Records p, u, x, y.
+        events: Meaning of the status numbers that ``step`` returns (0 = fine).
+        feedthrough: False if no output at t depends on an input at t, so that a master may break a cycle here.
+    """
+
+    identifier: str
+    parameters: Record
+    inputs: Record
+    state: Record
+    outputs: Record
+    events: dict[int, Event] = {}
+    feedthrough = True
+
+    def __init__(self, **sizes: int):
+        self.sizes = sizes
+
+    def check(self, p: np.recarray) -> None:
+        """Raise ModelError for parameters that are within their bounds but do not fit together."""
+
+    def bind(self, instance: Instance):
+        """Return the pair ``(initialise(t), step(t, h) -> status)`` that works on the instance's memory."""
+        raise NotImplementedError
+
+    @cached_property
+    def scalars(self) -> dict[str, list[Scalar]]:
+        """Scalars of each record; offsets count from the start of that record."""
+        return {part: getattr(self, _PARTS[part]).scalars() for part in _PARTS}
+
+
+_PARTS = {"p": "parameters", "u": "inputs", "x": "state", "y": "outputs"}
+
+
+class KernelModel(Model):
+    """A model whose functions are kernels ``initialise_kernel(t, p, x, y)`` and ``step_kernel(t, h, p, u, x, y) -> status``."""
+
+    initialise_kernel: object
+    step_kernel: object
+
+    def bind(self, instance: Instance):
+        P, U, X, Y = instance.arrays
+        initialise = record_entry(self.initialise_kernel, "t, P, X, Y")
+        step = record_entry(self.step_kernel, "t, h, P, U, X, Y")
+        return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
+
+
+class Instance:
+    """One instance of a model: the block of float64 ``[p|u|x|y]`` and the functions that work on it.
+
+    ``p, u, x, y`` are NumPy records that read and write the block: ``instance.u.wheel[0].r_0[2] = 0.1``.
+
+    Args:
+        model: The model.
+        name: Name used in messages.
+        **parameters: Start values, a Choice by its option's name.
+    """
+
+    def __init__(self, model: Model, name: str = "", **parameters):
+        self.model = model
+        self.name = name or model.identifier
+        records = [getattr(model, part) for part in _PARTS.values()]
+        self.block = np.concatenate([r.starts() for r in records])
+        ends = np.cumsum([0, *map(len, records)])
+        self.slices = {part: slice(int(a), int(b)) for part, a, b in zip(_PARTS, ends, ends[1:])}
+        self.arrays = tuple(self.block[self.slices[part]].view(r.dtype) for part, r in zip(_PARTS, records))
+        self.p, self.u, self.x, self.y = (a.view(np.recarray)[0] for a in self.arrays)
+        self.warnings: list[str] = []
+        self._warned: set[int] = set()
+        self._u = self.block[self.slices["u"]]
+        self._bounds = {part: _bounds(model.scalars[part]) for part in ("p", "u")}
+        self._functions = None
+        for key, value in parameters.items():
+            self.set_parameter(key, value)
+
+    def set_parameter(self, name: str, value) -> None:
+        """Set a parameter by name; a Choice by its option's name."""
+        field = self.model.parameters.fields.get(name)
+        if field is None:
+            raise ModelError(f"{self.name} has no parameter {name!r}; it has {', '.join(self.model.parameters.fields)}")
+        if isinstance(field, Choice):
+            if value not in field.options:
+                raise ModelError(f"{name} = {value!r}: choose one of {', '.join(field.options)}")
+            value = field.value(value)
+        elif isinstance(value, (str, bool)) or value is None:
+            raise ModelError(f"{name} = {value!r}: a number in {field.unit} is needed ({field.description})")
+        self.p[name] = value
+
+    def initialise(self, t: float = 0.0) -> None:
+        """Check the parameters and set state and outputs at time t [s]."""
+        self._check("p", "parameter", t)
+        self.model.check(self.p)
+        if self._functions is None:
+            self._functions = self.model.bind(self)
+        self._functions[0](t)
+
+    def step(self, t: float, h: float) -> None:
+        """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
+        self._check("u", "input", t)
+        status = self._functions[1](t, h)
+        if status:
+            self._report(status, t)
+
+    def _check(self, part: str, kind: str, t: float) -> None:
+        lower, upper = self._bounds[part]
+        values = self.block[self.slices[part]] if part == "p" else self._u
+        i = _first_outside(values, lower, upper)
+        if i >= 0:
+            raise ModelError(f"{self.name}: {kind} {describe_violation(self.model.scalars[part][i], values[i])} at t = {t:.6g} s")
+
+    def _report(self, status: int, t: float) -> None:
+        event = self.model.events[status % STATUS_SPAN]
+        text = f"{self.name}: {event.text.format(i=status // STATUS_SPAN + 1)} (t = {t:.6g} s)"
+        if event.is_error:
+            raise ModelError(text)
+        if status not in self._warned:
+            self._warned.add(status)
+            self.warnings.append(text)
+
+
+def describe_violation(scalar: Scalar, value: float) -> str:
+    """Name, value, unit, bound and remedy of a value outside its declaration."""
+    field = scalar.field
+    if isinstance(field, Choice):
+        return f"{scalar.name} = {value:g} is no item of {', '.join(f'{i + 1} {o}' for i, o in enumerate(field.options))}"
+    unit = "" if field.unit == "1" else f" {field.unit}"
+    if not math.isfinite(value):
+        remedy = "it must be finite"
+    elif value < field.min:
+        remedy = f"it must be at least {field.min:g}{unit}"
+    else:
+        remedy = f"it must be at most {field.max:g}{unit}"
+    return f"{scalar.name} = {value:g}{unit}: {remedy} ({field.description})"
+
+
+def _bounds(scalars: list[Scalar]) -> tuple[np.ndarray, np.ndarray]:
+    # An infinite bound becomes the largest finite number, so that one comparison also refuses infinities and NaN.
+    big = np.finfo(float).max
+    lower = np.array([max(s.field.min, -big) for s in scalars])
+    upper = np.array([min(s.field.max, big) for s in scalars])
+    return lower, upper
+
+
+@kernel
+def _first_outside(values, lower, upper):
+    for i in range(values.size):
+        if not (lower[i] <= values[i] <= upper[i]):
+            return i
+    return -1
