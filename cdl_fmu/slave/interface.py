@@ -12,6 +12,10 @@ _BIG = 1e6  # [m], [m/s], [rad/s]: beyond this a value is not a rover's
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+#: Parameters that every part of a system shares.
+ENVIRONMENT = Record(gravity=Real(9.81, "m/s2", "Acceleration of gravity, along -z", min=0.0, max=100.0))
+
+
 def _pose_and_twist(of: str) -> Record:
     return Record(
         r_0=Real(0.0, "m", f"Position of {of}, resolved in world", (3,), -_BIG, _BIG),

@@ -80,7 +80,7 @@ class Scalar:
 
 
 class Record:
-    """Named fields in order. ``a | b`` joins two records; a name they share must be an array of the same length, whose records are joined."""
+    """Named fields in order. ``a | b`` joins two records; arrays of one name and length are joined element by element."""
 
     def __init__(self, **fields: Real | Choice | Record | Array):
         self.fields = fields
