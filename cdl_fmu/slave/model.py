@@ -135,6 +135,24 @@ class Instance:
         if status:
             self._report(status, t)
 
+    def save(self) -> np.ndarray:
+        """Copy of the whole state: parameters, inputs, state and outputs."""
+        return self.block.copy()
+
+    def restore(self, saved: np.ndarray) -> None:
+        """Go back to a saved state, to the same bits."""
+        self.block[:] = saved
+
+    @staticmethod
+    def to_bytes(saved: np.ndarray) -> bytes:
+        """A saved state as bytes."""
+        return saved.tobytes()
+
+    @staticmethod
+    def from_bytes(data: bytes) -> np.ndarray:
+        """The saved state that ``to_bytes`` wrote."""
+        return np.frombuffer(data)
+
     def _check(self, part: str, kind: str, t: float) -> None:
         lower, upper = self._bounds[part]
         values = self.block[self.slices[part]] if part == "p" else self._u

@@ -1,0 +1,85 @@
+"""Build FMUs: a script of a few lines around an installed model, packed by pythonfmu, with the same bytes for the same sources."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+from pythonfmu import FmuBuilder
+
+from .description import DISTRIBUTION, installed_version, model_guid
+from .kernel import CACHE, sources_hash
+from .model import Model
+
+_SCRIPT = '''"""FMU {identifier} of {distribution} {version}; the model itself is in the installed package."""
+
+try:
+    from {module} import {cls}
+    from cdl_fmu.slave.pythonfmu_slave import RecordSlave
+except ImportError as error:
+    raise ImportError(
+        "FMU {identifier} needs {distribution} {version} in the Python that runs it: pip install {distribution}=={version} (" + str(error) + ")"
+    ) from error
+
+
+class {identifier}_slave(RecordSlave):
+    built_version = "{version}"
+    built_guid = "{guid}"
+
+    @staticmethod
+    def make_model():
+        return {cls}({sizes})
+'''
+
+
+def cached_fmu(model: Model) -> Path:
+    """Path of the model's FMU in the user's cache, built there if its sources have changed."""
+    path = CACHE / "fmus" / sources_hash()[:16] / f"{model.identifier}.fmu"
+    if not path.exists():
+        build_fmu(model, path)
+    return path
+
+
+def build_fmu(model: Model, path: Path) -> Path:
+    """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cls = type(model)
+    script = _SCRIPT.format(
+        identifier=model.identifier,
+        distribution=DISTRIBUTION,
+        version=installed_version(),
+        module=cls.__module__,
+        cls=cls.__qualname__,
+        guid=model_guid(model),
+        sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
+    )
+    with tempfile.TemporaryDirectory(prefix="cdl_build_") as folder:
+        script_file = Path(folder, f"{model.identifier}.py")
+        script_file.write_text(script)
+        known_path = list(sys.path)
+        try:
+            packed = FmuBuilder.build_FMU(script_file, dest=folder)
+        finally:
+            # The builder imports the script by name; an FMU of the same name must not find that module later.
+            sys.path[:] = known_path
+            sys.modules.pop(model.identifier, None)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
+            pass
+        _repack(packed, Path(part.name))
+        os.replace(part.name, path)
+    return path
+
+
+def _repack(source: Path, target: Path) -> None:
+    """Same files, sorted, without time stamps: the same sources give the same bytes."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in sorted(old.namelist()):
+            info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+            info.external_attr = 0o644 << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            with old.open(name) as content, new.open(info, "w") as out:
+                shutil.copyfileobj(content, out)

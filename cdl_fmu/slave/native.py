@@ -1,0 +1,139 @@
+"""Object code of a model's kernels: what a native FMU is linked from, free of Python, of numba and of the build host's CPU.
+
+A model becomes two C functions over its one block of doubles ``[p|u|x|y]``, in which a value reference is an offset::
+
+    int32_t <identifier>_initialise(int32_t *status, void **exc, double t, double *block);
+    int32_t <identifier>_step(int32_t *status, void **exc, double t, double h, double *block);
+
+``status`` receives what the kernel returned (0 = fine, see ``Model.events``); the functions' own return value is non-zero if
+the kernel raised. They hold no global state, so any number of instances may run in any number of threads.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from importlib import import_module
+from pathlib import Path
+
+from .model import KernelModel
+
+#: Functions that the object may leave undefined: C's libm, and what LLVM makes of loops that copy or zero.
+LIBM = frozenset(
+    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs floor fma fmax fmin fmod frexp "
+    "hypot ldexp lgamma log log10 log1p log2 modf nearbyint nextafter pow rint round sin sinh sqrt tan tanh tgamma trunc".split()
+)
+MEMORY = frozenset({"memcpy", "memmove", "memset", "memcmp"})
+
+# numba reads these when it is imported, hence the process of its own. Without them the code is vectorised for the build host.
+_ENVIRONMENT = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
+
+
+class ExportError(Exception):
+    """A model's kernels cannot stand without Python; the message says what they call and what to change."""
+
+
+def object_code(model: KernelModel, triple: str | None = None) -> bytes:
+    """Compile a model's kernels to an object file.
+
+    Args:
+        model: The model, of a class that can be imported by name.
+        triple: LLVM target triple of the same processor architecture, such as ``x86_64-pc-windows-gnu``; default is this machine's.
+
+    Returns:
+        The object file; of foreign functions it needs only those in ``LIBM`` and ``MEMORY``.
+
+    Raises:
+        ExportError: The kernels need more than that, or the class cannot be imported.
+    """
+    cls = type(model)
+    if cls.__module__ == "__main__":
+        raise ExportError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to export it")
+    environment = os.environ | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{model.identifier}.o"
+        order = json.dumps([cls.__module__, cls.__qualname__, model.sizes, triple, str(path)])
+        done = subprocess.run([sys.executable, "-m", __name__], input=order, env=environment, capture_output=True, text=True)
+        if done.returncode:
+            raise ExportError(f"{model.identifier}: {done.stderr.strip()}")
+        return path.read_bytes()
+
+
+def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
+    """Both entries compiled: IR and symbol, by the name that each gets in the object."""
+    import numba
+    import numpy as np
+    from numba import carray, float64, int32, types
+
+    parts = {"p": model.parameters, "u": model.inputs, "x": model.state, "y": model.outputs}
+    block = types.CPointer(numba.from_dtype(np.dtype([(name, record.dtype) for name, record in parts.items()])))
+    initialise_kernel, step_kernel = model.initialise_kernel, model.step_kernel
+
+    def initialise(t, block):
+        b = carray(block, 1)[0]
+        initialise_kernel(t, b.p, b.x, b.y)
+        return int32(0)
+
+    def step(t, h, block):
+        b = carray(block, 1)[0]
+        return int32(step_kernel(t, h, b.p, b.u, b.x, b.y))
+
+    compiled = {}
+    for function, signature in (initialise, (float64, block)), (step, (float64, float64, block)):
+        # Not cfunc: its wrapper pulls in Python's C API.
+        entry = numba.njit(error_model="numpy", boundscheck=False, nogil=True)(function)
+        entry.compile(signature)
+        result = entry.overloads[signature]
+        compiled[f"{model.identifier}_{function.__name__}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name
+    return compiled
+
+
+def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
+    """Object file of the entries and what they call, and nothing else."""
+    import llvmlite.binding as llvm
+
+    triple = triple or llvm.get_process_triple()
+    machine = llvm.Target.from_triple(triple).create_target_machine(
+        cpu="x86-64" if triple.startswith("x86_64") else "generic", opt=3, reloc="pic", codemodel="small"
+    )
+    module = llvm.parse_assembly("")
+    for name, (ir, symbol) in entries.items():
+        part = llvm.parse_assembly(ir)
+        for value in (*part.functions, *part.global_variables):
+            if not value.is_declaration:
+                value.linkage = "internal"
+        entry = part.get_function(symbol)
+        entry.linkage, entry.name = "external", name
+        module.link_in(part)
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
+
+    foreign = {f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")} - LIBM - MEMORY
+    if foreign:
+        raise ExportError(
+            f"the kernels call {', '.join(sorted(foreign))}: use loops and scalars in place of what allocates, raises or prints "
+            "(CONTRIBUTING.md, kernel rules)"
+        )
+    # numba numbers what it compiles, so local names depend on what else was compiled or cached: not in a reproducible object.
+    for i, value in enumerate(v for v in (*module.functions, *module.global_variables) if not v.is_declaration and v.name not in entries):
+        value.name = f"local{i}"
+    module.triple, module.data_layout, module.name = triple, str(machine.target_data), "kernels"
+    return machine.emit_object(module)
+
+
+def _main() -> None:
+    module, name, sizes, triple, path = json.load(sys.stdin)
+    model = getattr(import_module(module), name)(**sizes)
+    try:
+        Path(path).write_bytes(_emit(_entries(model), triple))
+    except ExportError as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    _main()

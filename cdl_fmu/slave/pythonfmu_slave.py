@@ -1,0 +1,145 @@
+"""The one pythonfmu slave: any model behind FMI 2.0 co-simulation, get and set as slices of the instance's block."""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element
+
+from pythonfmu import Fmi2Slave
+from pythonfmu.enums import Fmi2Status
+
+from .description import DISTRIBUTION, installed_version, model_description, model_guid
+from .model import Instance, Model, ModelError
+
+
+class RecordSlave(Fmi2Slave):
+    """Base of every FMU's script, which sets ``make_model`` and what it was built from.
+
+    pythonfmu turns an exception into fmi2Fatal, after which the instance is lost, and a False from ``do_step`` into fmi2Discard.
+    So only instantiation and initialisation raise; later failures are logged at level error and end the next step with a Discard.
+    """
+
+    built_version: str
+    built_guid: str
+
+    @staticmethod
+    def make_model() -> Model:
+        """The model, built from its sizes."""
+        raise NotImplementedError
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        model = self.make_model()
+        self.modelName = model.identifier
+        if (self.built_version, self.built_guid) != (installed_version(), model_guid(model)):
+            raise ModelError(
+                f"{self.instance_name}: this FMU {model.identifier} was built by {DISTRIBUTION} {self.built_version}, but "
+                f"{DISTRIBUTION} {installed_version()} is installed with another declaration of it; "
+                f"build it again with 'cdl build', or install {DISTRIBUTION} {self.built_version}"
+            )
+        self.instance = Instance(model, self.instance_name)
+        self._block = self.instance.block
+        self._n_parameters = self.instance.slices["p"].stop
+        self._runs: dict[tuple[int, int], list[int]] = {}
+        self._start_time = 0.0
+        self._initialised = False  # False again after each set, until initialisation mode ends
+        self._stepping = False
+        self._failure = ""
+
+    def to_xml(self, model_options=None) -> Element:
+        return model_description(self.instance.model)
+
+    # -- values: lists in, lists out; a run of consecutive references is one slice of the block
+
+    def _where(self, vrs: list[int]):
+        first, n = vrs[0], len(vrs)
+        run = self._runs.get((first, n))
+        if run is None:
+            run = self._runs[first, n] = list(range(first, first + n))
+        return slice(first, first + n) if vrs == run else vrs
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        if not vrs:
+            return []
+        if not self._initialised:
+            self._initialise()
+        return self._block[self._where(vrs)].tolist()
+
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        if not vrs:
+            return
+        if not self._stepping:
+            self._initialised = False
+        elif vrs[0] < self._n_parameters or min(vrs) < self._n_parameters:
+            self._refuse_parameter(min(vrs))
+            return
+        self._block[self._where(vrs)] = values
+
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        return [int(v) for v in self.get_real(vrs)]
+
+    set_integer = set_real
+
+    def _refuse_parameter(self, reference: int) -> None:
+        name = self.instance.model.scalars["p"][reference].name
+        self._fail(f"{self.instance_name}: parameter {name} is fixed: set it before initialisation ends, not during the run")
+
+    # -- life
+
+    def setup_experiment(self, start_time, stop_time, tolerance) -> None:
+        self._start_time = start_time
+
+    def exit_initialization_mode(self) -> None:
+        if not self._initialised:
+            self._initialise()
+        self._stepping = True
+
+    def _initialise(self) -> None:
+        try:
+            self.instance.initialise(self._start_time)
+        except ModelError as error:
+            self.log(str(error), Fmi2Status.error)
+            raise
+        self._initialised = True
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        if self._failure:
+            self._failure = ""
+            return False
+        try:
+            self.instance.step(current_time, step_size)
+        except ModelError as error:
+            self._fail(str(error))
+        except Exception as error:  # anything else must not become fmi2Fatal either: the state can still be restored
+            self._fail(f"{self.instance_name}: {type(error).__name__}: {error} (t = {current_time:.6g} s)")
+        if self.instance.warnings:
+            for text in self.instance.warnings:
+                self.log(text, Fmi2Status.warning)
+            self.instance.warnings.clear()
+        failed, self._failure = self._failure, ""
+        return not failed
+
+    def _fail(self, text: str) -> None:
+        self._failure = text
+        self.log(text, Fmi2Status.error)
+
+    # -- whole state
+
+    def _get_fmu_state(self):
+        return self.instance.save()
+
+    def _set_fmu_state(self, state) -> None:
+        self.instance.restore(state)
+        self._failure = ""
+
+    # The wrapper calls these two on the class.
+
+    @classmethod
+    def _fmu_state_to_bytes(cls, state) -> bytes:
+        return cls.built_guid.encode() + Instance.to_bytes(state)
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, data: bytes):
+        guid = cls.built_guid.encode()
+        if data[: len(guid)] != guid:
+            raise ModelError(f"this state was saved by another build of {cls.__name__}; restore it with the FMU that saved it")
+        return Instance.from_bytes(data[len(guid) :])
