@@ -1,0 +1,372 @@
+"""Rover: the multibody system of the chapter's experiment (Table 8.2), two wheels on a rigid link, integrated by MuJoCo.
+
+The contact forces come from other slaves; their interface Jacobian lets one implicit step of MuJoCo carry stiff contacts at 1 ms.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cdl_fmu.slave.interface import ENVIRONMENT, contact_jacobian, wheel_pose, wheel_wrench
+from cdl_fmu.slave.kernel import kernel
+from cdl_fmu.slave.model import Event, Instance, Model, ModelError
+from cdl_fmu.slave.records import Array, Choice, Real, Record
+
+from .interface import commands, joints
+from .rover_mjcf import STEERED, two_wheel
+
+# own choice: share of H K that acts on the change of velocity within the step, F = F0 - K (x0 - x_a) - D (v1 - v_a) - GAMMA H K (v1 - v0).
+GAMMA = 0.5
+
+_LIMIT = 1e6  # [m], [rad], [m/s], [rad/s]: a state beyond it is no rover's
+_LOST, _REDO = 1, 2  # status of a step: an event, and to be done again without the contacts that pulled
+
+_RADIUS, _WIDTH, _MASS = 0.125, 0.125, 2.0  # wheel of Table 8.2, for the inertia it leaves out
+
+
+class Rover(Model):
+    """Two-wheel rover of Table 8.2: wheels on a rigid massless link, a point mass above its middle, free in all but roll.
+
+    The body frame lies in the middle between the wheel centres, x forward, y to the left, z up; wheel 1 is the front wheel,
+    wheel 2 the rear wheel, which steers about the body's z axis. Positive pitch lowers the nose.
+
+    Step: the contact force on each axis is F = F0 - K (x - x_a) - D (v - v_a), implicit in the velocity at the step's end; where
+    ``contact[i].in_contact`` is 0, ``wheel[i].f_0, t_0`` act as they are. If a normal force comes out negative the step is redone
+    with that contact off. The torque that the contact's point does not explain acts on the wheel as it is.
+    """
+
+    feedthrough = False
+    events = {
+        _LOST: Event(
+            "the rover's motion left all bounds (a position or rate is not finite or beyond 1e6): check the contact forces that it gets, "
+            "shorten the communication step, or send the contacts' stiffness and damping (contact[i].K, D)"
+        )
+    }
+
+    def __init__(self, n_wheels: int = 2):
+        super().__init__(n_wheels=n_wheels)
+        if n_wheels != len(STEERED):
+            raise ModelError(f"n_wheels = {n_wheels}: the rover of Table 8.2 has {len(STEERED)} wheels")
+        n, n_joints = n_wheels, 5 + n_wheels + sum(STEERED)
+        self.identifier = f"cdl_rover_w{n}"
+        self.parameters = ENVIRONMENT | Record(
+            wheel_base=Real(0.6, "m", "Distance of the wheel centres (Table 8.2)", min=1e-3, max=100.0),
+            mass=Real(50.0, "kg", "Point mass in the middle between the wheels (Table 8.2)", min=1e-3, max=1e5),
+            mass_height=Real(0.1, "m", "Height of the point mass above the wheel centres (Table 8.2)", min=-10.0, max=10.0),
+            wheel_mass=Real(_MASS, "kg", "Mass of one wheel (Table 8.2)", min=1e-3, max=1e4),
+            wheel_inertia_axle=Real(
+                _MASS * _RADIUS**2 / 2, "kg.m2", "Inertia of a wheel about its axle (assumption: solid cylinder)", min=1e-6, max=1e4
+            ),
+            wheel_inertia_diameter=Real(
+                _MASS * (3 * _RADIUS**2 + _WIDTH**2) / 12,
+                "kg.m2",
+                "Inertia of a wheel about a diameter (assumption: solid cylinder)",
+                min=1e-6,
+                max=1e4,
+            ),
+            wheel_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the wheel rate servo (assumption: stiff)", min=0.0, max=1e7),
+            steer_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the steering rate servo (assumption: stiff)", min=0.0, max=1e7),
+            start=Record(
+                x=Real(
+                    0.3, "m", "Start position of the middle between the wheel centres; 0.3 puts the rear wheel at 0", (), -_LIMIT, _LIMIT
+                ),
+                y=Real(0.0, "m", "Start position of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
+                z=Real(_RADIUS, "m", "Start height of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
+                yaw=Real(0.0, "rad", "Start heading from the x axis, positive to the left", (), -10.0, 10.0),
+                pitch=Real(0.0, "rad", "Start pitch, positive nose down", (), -1.5, 1.5),
+            ),
+            with_inverse_inertia=Choice(
+                "Output of the inverse inertia at the contacts, for a master's stability guard", off="none", on="each step"
+            ),
+        )
+        self.inputs = wheel_wrench(n) | contact_jacobian(n) | commands(n)
+        self.state = Record(
+            q=Real(0.0, "1", "x, y, z, yaw, pitch, then per wheel steering angle (where it steers) and wheel angle [m, rad]", (n_joints,)),
+            q_dot=Real(0.0, "1", "Rates of q [m/s, rad/s]", (n_joints,)),
+        )
+        self.outputs = (
+            wheel_pose(n)
+            | joints(n)
+            | Record(
+                body=Record(
+                    r_0=Real(0.0, "m", "Middle between the wheel centres, resolved in world", (3,)),
+                    yaw=Real(0.0, "rad", "Heading of the body from the x axis, positive to the left"),
+                    pitch=Real(0.0, "rad", "Pitch of the body, positive nose down"),
+                    v_0=Real(0.0, "m/s", "Velocity of r_0, resolved in world", (3,)),
+                    w_0=Real(0.0, "rad/s", "Angular velocity of the body, resolved in world", (3,)),
+                ),
+                applied=Array(
+                    n, Record(f_0=Real(0.0, "N", "Contact force that acted on the wheel in the last step, resolved in world", (3,)))
+                ),
+                inverse_inertia=Real(
+                    0.0,
+                    "1/kg",
+                    "J (M + H kv)^-1 J': velocity of the contact points (wheel centres, off contact) per impulse on them, in world axes",
+                    (3 * n, 3 * n),
+                ),
+            )
+        )
+
+    def check(self, p) -> None:
+        axle, diameter = float(p.wheel_inertia_axle), float(p.wheel_inertia_diameter)
+        if axle > 2 * diameter:
+            raise ModelError(
+                f"wheel_inertia_axle = {axle:g} kg.m2: it must be at most twice wheel_inertia_diameter = {diameter:g} kg.m2, "
+                "as no body has more; lower it or raise wheel_inertia_diameter"
+            )
+
+    def bind(self, instance: Instance):
+        # MuJoCo would write its warnings to MUJOCO_LOG.TXT in the working directory; a lost state is caught by _settle instead.
+        mujoco.set_mju_user_warning(lambda text: None)
+        simulation = None
+
+        def initialise(t: float) -> None:
+            nonlocal simulation
+            simulation = _Simulation(instance)
+            simulation.initialise()
+
+        return initialise, lambda t, h: simulation.step(h)
+
+
+class _Simulation:
+    """MuJoCo's model and data of one instance, with views of their memory bound once.
+
+    The records x are the state; MuJoCo's data are loaded from them whenever they differ, that is after a restore.
+    """
+
+    def __init__(self, instance: Instance):
+        self.instance = instance
+        m = self.m = two_wheel(instance.p)
+        d = self.d = mujoco.MjData(m)
+        n = instance.model.sizes["n_wheels"]
+        self.h = 0.0
+        fields = instance.model.parameters.fields
+        self.with_inverse_inertia = instance.p.with_inverse_inertia == fields["with_inverse_inertia"].value("on")
+        self.q, self.q_dot = d.qpos, d.qvel
+        self.bodies = np.array([m.body(name).id for name in ("body", *(f"wheel{i}" for i in range(n)))])
+        self.spins = np.array([m.joint(f"spin{i}").dofadr[0] for i in range(n)])
+        self.steers = np.array([m.joint(f"steer{i}").dofadr[0] if STEERED[i] else -1 for i in range(n)])
+        self.servos = np.concatenate([self.spins, self.steers[self.steers >= 0]])
+        self.lifted = np.zeros(n)
+        self.applied = np.zeros((n, 3))
+        _, U, X, Y = instance.arrays
+        self.command = (U, Y, self.lifted, self.bodies, self.steers, m.actuator_gear, m.actuator_biasprm, d.xfrc_applied, d.ctrl)
+        self.settle = (U, X, self.lifted, self.applied, self.q, self.q_dot, m.actuator_biasprm, d.actuator_force, d.actuator_moment)
+        self.settle += (d.moment_rownnz, d.moment_rowadr, d.moment_colind)
+        self.output = (X, Y, self.applied, self.q, self.q_dot, self.bodies, self.spins, self.steers)
+        self.output += (d.xpos, d.xmat, d.cvel, d.subtree_com[self.bodies[0]])
+        self.same = (X, self.q, self.q_dot)
+
+    def initialise(self) -> None:
+        start = self.instance.p.start
+        self.q[:5] = start.x, start.y, start.z, start.yaw, start.pitch
+        self.write_outputs()
+
+    def step(self, h: float) -> int:
+        m, d = self.m, self.d
+        if h != self.h:
+            self.h = m.opt.timestep = h
+        if not _same(*self.same):
+            self.load()
+            self.write_outputs()
+        self.lifted[:] = 0.0
+        while True:
+            _command(h, *self.command)
+            mujoco.mj_step(m, d)
+            status = _settle(*self.settle)
+            if status == 0:
+                self.write_outputs()
+                return 0
+            if status == _LOST:
+                return _LOST
+            self.load()
+
+    def load(self) -> None:
+        self.q[:] = self.instance.x.q
+        self.q_dot[:] = self.instance.x.q_dot
+
+    def write_outputs(self) -> None:
+        m, d = self.m, self.d
+        # After mj_step MuJoCo's positions and velocities lag by one step.
+        mujoco.mj_kinematics(m, d)
+        mujoco.mj_comPos(m, d)
+        mujoco.mj_comVel(m, d)
+        _output(*self.output)
+        if self.with_inverse_inertia:
+            self.instance.y.inverse_inertia[:] = self.inverse_inertia()
+
+    def inverse_inertia(self) -> np.ndarray:
+        m, d, u = self.m, self.d, self.instance.u
+        mass = np.zeros((m.nv, m.nv))
+        mujoco.mj_makeM(m, d)
+        mujoco.mj_fullM(m, d, mass)
+        # The servos stiffen what an impulse within one implicit step meets: that step's own matrix, not the plain mass matrix.
+        mass[self.servos, self.servos] += m.opt.timestep * m.actuator_gainprm[-len(self.servos) :, 0]
+        jacobian = np.zeros((3 * len(self.spins), m.nv))
+        for i, body in enumerate(self.bodies[1:]):
+            contact = u.contact[i]
+            point = contact.point_0 if contact.in_contact > 0.5 else d.xpos[body]
+            mujoco.mj_jac(m, d, jacobian[3 * i : 3 * i + 3], None, point, body)
+        return jacobian @ np.linalg.solve(mass, jacobian.T)
+
+
+@kernel
+def _same(X, q, q_dot):
+    """True if MuJoCo's data hold the state x."""
+    x = X[0]
+    same = True
+    for k in range(q.size):
+        same &= x.q[k] == q[k] and x.q_dot[k] == q_dot[k]
+    return same
+
+
+@kernel
+def _command(h, U, Y, lifted, bodies, steers, gear, biasprm, xfrc, ctrl):
+    """Set MuJoCo's actuators and external forces from the inputs and the wheel poses in y."""
+    u, y = U[0], Y[0]
+    n = lifted.size
+    steer = 4 * n
+    for i in range(n):
+        ctrl[3 * n + i] = u.command.wheel_rate[i]
+        if steers[i] >= 0:
+            ctrl[steer] = u.command.steer_rate[i]
+            steer += 1
+        external = xfrc[bodies[1 + i]]
+        for k in range(6):
+            external[k] = 0.0
+        for k in range(3):
+            for j in range(3):
+                biasprm[3 * i + k, j] = 0.0
+        if lifted[i] > 0.0:
+            continue
+        wheel, contact, pose = u.wheel[i], u.contact[i], y.wheel[i]
+        for k in range(3):
+            external[k] = wheel.f_0[k]
+            external[3 + k] = wheel.t_0[k]
+        if contact.in_contact > 0.5:
+            anchored = _is_sent(contact.anchor.T)
+            for k in range(3):
+                _command_axis(h, contact, pose, anchored, k, gear[3 * i + k], biasprm[3 * i + k], external)
+
+
+@kernel
+def _is_sent(T):
+    for k in range(3):
+        for j in range(3):
+            if T[k, j] != 0.0:
+                return True
+    return False
+
+
+@kernel
+def _command_axis(h, contact, pose, anchored, k, gear, biasprm, external):
+    """Actuator on axis k of one contact: force on the wheel along the axis, at the contact point.
+
+    The actuator acts at the hub, with the point's lever arm in its gear; both in the wheel frame, where MuJoCo wants them.
+    """
+    a0, a1, a2 = contact.axes[k, 0], contact.axes[k, 1], contact.axes[k, 2]
+    hub = contact.anchor.r_0 if anchored else pose.r_0
+    s0, s1, s2 = contact.point_0[0] - hub[0], contact.point_0[1] - hub[1], contact.point_0[2] - hub[2]
+    m0, m1, m2 = s1 * a2 - s2 * a1, s2 * a0 - s0 * a2, s0 * a1 - s1 * a0
+    for j in range(3):
+        gear[j] = pose.T[j, 0] * a0 + pose.T[j, 1] * a1 + pose.T[j, 2] * a2
+        gear[3 + j] = pose.T[j, 0] * m0 + pose.T[j, 1] * m1 + pose.T[j, 2] * m2
+    v = _along(a0, a1, a2, m0, m1, m2, pose.v_0, pose.w_0)
+    x = 0.0
+    v_anchor = v
+    if anchored:
+        v_anchor = _along(a0, a1, a2, m0, m1, m2, contact.anchor.v_0, contact.anchor.w_0)
+        # Displacement since the anchor of the wheel's material at the contact point, to first order in the rotation, so that
+        # spin alone moves nothing along the normal.
+        r, R = contact.anchor.r_0, contact.anchor.T
+        x = a0 * (pose.r_0[0] - r[0]) + a1 * (pose.r_0[1] - r[1]) + a2 * (pose.r_0[2] - r[2])
+        x += m0 * _turn(pose.T, R, 2, 1) + m1 * _turn(pose.T, R, 0, 2) + m2 * _turn(pose.T, R, 1, 0)
+    F, K, D = contact.F[k], contact.K[k], contact.D[k]
+    biasprm[0] = F - K * x + D * v_anchor + GAMMA * h * K * v
+    biasprm[2] = -(D + GAMMA * h * K)
+    # The wrench about the hub that the contact's F at its point explains; the rest acts as it is.
+    external[0] -= a0 * F
+    external[1] -= a1 * F
+    external[2] -= a2 * F
+    external[3] -= m0 * F
+    external[4] -= m1 * F
+    external[5] -= m2 * F
+
+
+@kernel
+def _along(a0, a1, a2, m0, m1, m2, v, w):
+    """Velocity along axis a of a point with lever arm s, m = s x a, on a body with velocity v and angular velocity w."""
+    return a0 * v[0] + a1 * v[1] + a2 * v[2] + m0 * w[0] + m1 * w[1] + m2 * w[2]
+
+
+@kernel
+def _turn(T, T_anchor, i, j):
+    """Half of element (i, j) less (j, i) of T' T_anchor: with (2, 1), (0, 2), (1, 0) the rotation vector from the anchor, in world."""
+    turn = 0.0
+    for k in range(3):
+        turn += T[k, i] * T_anchor[k, j] - T[k, j] * T_anchor[k, i]
+    return 0.5 * turn
+
+
+@kernel
+def _settle(U, X, lifted, applied, q, q_dot, biasprm, force, moment, n_row, row, column):
+    """Find the force that acted in the step just done: 0, _LOST, or REDO after marking the contacts that pulled."""
+    u, x = U[0], X[0]
+    for k in range(q.size):
+        if not (abs(q[k]) <= _LIMIT and abs(q_dot[k]) <= _LIMIT):
+            return _LOST
+    status = 0
+    for i in range(lifted.size):
+        for j in range(3):
+            applied[i, j] = 0.0 if lifted[i] > 0.0 else u.wheel[i].f_0[j]
+        if lifted[i] > 0.0 or u.contact[i].in_contact < 0.5:
+            continue
+        for k in range(3):
+            actuator = 3 * i + k
+            f = force[actuator]
+            # Implicit part: the change of velocity times the damping that MuJoCo integrated.
+            for c in range(row[actuator], row[actuator] + n_row[actuator]):
+                f += biasprm[actuator, 2] * moment[c] * (q_dot[column[c]] - x.q_dot[column[c]])
+            for j in range(3):
+                applied[i, j] += (f - u.contact[i].F[k]) * u.contact[i].axes[k, j]
+            if k == 2 and f < 0.0:
+                lifted[i] = 1.0
+                status = _REDO
+    return status
+
+
+@kernel
+def _output(X, Y, applied, q, q_dot, bodies, spins, steers, xpos, xmat, cvel, com):
+    x, y = X[0], Y[0]
+    for k in range(q.size):
+        x.q[k] = q[k]
+        x.q_dot[k] = q_dot[k]
+    for i in range(spins.size):
+        wheel, b = y.wheel[i], bodies[1 + i]
+        for j in range(3):
+            wheel.r_0[j] = xpos[b, j]
+            wheel.w_0[j] = cvel[b, j]
+            y.applied[i].f_0[j] = applied[i, j]
+            for k in range(3):
+                wheel.T[j, k] = xmat[b, 3 * k + j]
+        _velocity(wheel.v_0, xpos[b], cvel[b], com)
+        y.joint.wheel_angle[i] = q[spins[i]]
+        y.joint.wheel_rate[i] = q_dot[spins[i]]
+        if steers[i] >= 0:
+            y.joint.steer_angle[i] = q[steers[i]]
+    for j in range(3):
+        y.body.r_0[j] = q[j]
+        y.body.w_0[j] = cvel[bodies[0], j]
+        y.body.v_0[j] = q_dot[j]
+    y.body.yaw = q[3]
+    y.body.pitch = q[4]
+
+
+@kernel
+def _velocity(v, r, twist, com):
+    """Velocity v of the point r of a body, from MuJoCo's twist (angular, then linear at the system's centre of mass)."""
+    r0, r1, r2 = r[0] - com[0], r[1] - com[1], r[2] - com[2]
+    v[0] = twist[3] + twist[1] * r2 - twist[2] * r1
+    v[1] = twist[4] + twist[2] * r0 - twist[0] * r2
+    v[2] = twist[5] + twist[0] * r1 - twist[1] * r0
