@@ -1,0 +1,203 @@
+"""One FMI 2.0 co-simulation slave, its variables exchanged in one call each way with preallocated buffers.
+
+FMPy loads the FMU and keeps its life cycle; the calls of every step go straight to the binary, as FMPy's lists cost ten times more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, c_double, c_int, c_uint, c_void_p
+from pathlib import Path
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.model_description import ModelDescription
+
+_OK, _WARNING, _DISCARD = 0, 1, 2
+_STATUS = {2: "fmi2Discard", 3: "fmi2Error", 4: "fmi2Fatal"}
+# FMI base type -> (FMI function suffix, NumPy type of its buffer)
+_BASE_TYPES = {
+    "Real": ("Real", np.float64),
+    "Integer": ("Integer", np.int32),
+    "Enumeration": ("Integer", np.int32),
+    "Boolean": ("Boolean", np.int32),
+}
+
+
+class SlaveError(Exception):
+    """A slave refused a call; the message names instance, what it said and when."""
+
+
+class Slave:
+    """An instance of an FMU.
+
+    Args:
+        name: Instance name.
+        description: FMPy's model description of the FMU.
+        directory: Where the FMU is unpacked.
+        warn: Called with each warning the FMU logs.
+    """
+
+    def __init__(self, name: str, description: ModelDescription, directory: Path, warn):
+        self.name = name
+        self.description = description
+        self.variables = {v.name: v for v in description.modelVariables}
+        self.can_save = bool(description.coSimulation.canGetAndSetFMUstate)
+        self.can_serialise = bool(description.coSimulation.canSerializeFMUstate)
+        self._warn = warn
+        self._errors: list[str] = []
+        self._sets: list[tuple] = []
+        self._gets: list[tuple] = []
+        self._directory = Path(directory)
+        identifier = description.coSimulation.modelIdentifier
+        folder = self._directory / "binaries" / fmpy.platform
+        if not folder.is_dir():
+            have = sorted(p.name for p in (self._directory / "binaries").glob("*"))
+            raise SlaveError(
+                f"{name}: the FMU {description.modelName} has no binary for {fmpy.platform}; it has {', '.join(have) or 'none'}"
+            )
+        try:
+            self._fmu = FMU2Slave(guid=description.guid, unzipDirectory=str(directory), modelIdentifier=identifier, instanceName=name)
+        except Exception as error:
+            raise SlaveError(f"{name}: the binary of FMU {description.modelName} does not load: {error}") from error
+        self._callbacks = fmi2CallbackFunctions()
+        self._callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
+        self._callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+        self._callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+        self._alive = False
+        self._call("instantiate", self._fmu.instantiate, callbacks=self._callbacks)
+        self._alive = True
+        self._component = c_void_p(self._fmu.component)
+        self._do_step = self._function("DoStep", [c_void_p, c_double, c_double, c_int])
+
+    @property
+    def has_feedthrough(self) -> bool:
+        """False if the FMU says that no output depends on an input at the same time."""
+        return any(o.dependencies is None or len(o.dependencies) > 0 for o in self.description.outputs)
+
+    def initialise(self, start_time: float, stop_time: float, parameters: dict) -> None:
+        """Set parameters and go through initialisation mode."""
+        self._call("setupExperiment", self._fmu.setupExperiment, startTime=start_time, stopTime=stop_time)
+        for name, value in parameters.items():
+            self._set_parameter(name, value)
+        self._call("enterInitializationMode", self._fmu.enterInitializationMode)
+        self._call("exitInitializationMode", self._fmu.exitInitializationMode)
+
+    def _set_parameter(self, name: str, value) -> None:
+        variable = self.variables[name]
+        reference = [variable.valueReference]
+        if variable.type == "String":
+            setter, value = self._fmu.setString, str(value)
+        elif variable.type == "Real":
+            setter, value = self._fmu.setReal, float(value)
+        elif variable.type == "Boolean":
+            setter, value = self._fmu.setBoolean, bool(value)
+        else:
+            setter, value = self._fmu.setInteger, int(value)
+        self._call(f"setting {name} = {value}", setter, reference, [value])
+
+    def connect(self, inputs: list[str], u: np.ndarray, outputs: list[str], y: np.ndarray) -> None:
+        """Bind input names to the slice ``u`` of the master's memory and output names to ``y``; both are float64."""
+        self.inputs, self.u, self.outputs, self.y = inputs, u, outputs, y
+        self._sets = self._groups("Set", inputs, u)
+        self._gets = self._groups("Get", outputs, y)
+
+    def _groups(self, direction: str, names: list[str], values: np.ndarray) -> list[tuple]:
+        groups = []
+        for suffix, dtype in dict.fromkeys(_BASE_TYPES.values()):
+            index = np.array([i for i, n in enumerate(names) if _BASE_TYPES[self.variables[n].type] == (suffix, dtype)], dtype=int)
+            if index.size == 0:
+                continue
+            references = np.array([self.variables[names[i]].valueReference for i in index], dtype=np.uint32)
+            # Reals of one kind are exchanged in place; any other selection goes through a buffer of its own type.
+            in_place = index.size == len(names) and dtype is np.float64
+            buffer = values if in_place else np.zeros(index.size, dtype)
+            function = self._function(direction + suffix, [c_void_p, POINTER(c_uint), ctypes.c_size_t, c_void_p])
+            call = (self._component, references.ctypes.data_as(POINTER(c_uint)), index.size, buffer.ctypes.data_as(c_void_p))
+            groups.append((function, call, None if in_place else (values, index, buffer), references))
+        return groups
+
+    def set(self, t: float) -> None:
+        """Send the bound inputs."""
+        for function, call, copy, _ in self._sets:
+            if copy:
+                values, index, buffer = copy
+                buffer[:] = values[index]
+            if function(*call) > _WARNING or self._errors:
+                self._raise("refused its inputs", t)
+
+    def get(self, t: float) -> None:
+        """Fetch the bound outputs."""
+        for function, call, copy, _ in self._gets:
+            if function(*call) > _WARNING:
+                self._raise("did not give its outputs", t)
+            if copy:
+                values, index, buffer = copy
+                values[index] = buffer
+
+    def step(self, t: float, h: float) -> None:
+        """Advance from t by h [s]."""
+        status = self._do_step(self._component, t, h, 1)
+        if status > _WARNING:
+            self._raise(f"did not do the step ({_STATUS.get(status, status)})", t)
+
+    def save(self):
+        """Handle to a copy of the whole state; give it back to ``restore`` or ``free``."""
+        return self._fmu.getFMUstate()
+
+    def restore(self, state) -> None:
+        """Go back to a saved state."""
+        self._call("setFMUstate", self._fmu.setFMUstate, state)
+
+    def free(self, state) -> None:
+        """Release a saved state."""
+        self._fmu.freeFMUstate(state)
+
+    def to_bytes(self) -> bytes:
+        """The whole state, serialised."""
+        state = self.save()
+        data = self._call("serializeFMUstate", self._fmu.serializeFMUstate, state)
+        self.free(state)
+        return bytes(data)
+
+    def from_bytes(self, data: bytes) -> None:
+        """Go back to a serialised state."""
+        state = self._call("deSerializeFMUstate", self._fmu.deSerializeFMUstate, data)
+        self.restore(state)
+        self.free(state)
+
+    def close(self) -> None:
+        """End the instance."""
+        if self._alive:
+            self._alive = False
+            try:
+                self._fmu.terminate()
+            finally:
+                self._fmu.freeInstance()
+
+    def _function(self, name: str, arguments: list):
+        function = getattr(self._fmu.dll, f"fmi2{name}")
+        # A prototype of our own: FMPy's objects for the same functions stay as they are.
+        return ctypes.CFUNCTYPE(c_int, *arguments)(ctypes.cast(function, c_void_p).value)
+
+    def _call(self, what: str, function, *args, **kwargs):
+        try:
+            return function(*args, **kwargs)
+        except Exception as error:
+            self._alive = False  # FMI forbids any further call after an error here
+            self._raise(f"failed in {what}", None, error)
+
+    def _raise(self, what: str, t: float | None, cause: Exception | None = None):
+        said = "; ".join(dict.fromkeys(self._errors)) or (str(cause) if cause else "it gave no message")
+        self._errors.clear()
+        when = "" if t is None else f" at t = {t:.6g} s"
+        raise SlaveError(f"{self.name} {what}{when}: {said}") from cause
+
+    def _log(self, environment, instance, status, category, message) -> None:
+        text = (message or b"").decode(errors="replace")
+        if status == _WARNING:
+            self._warn(text)
+        elif status >= _DISCARD and not (self._errors and text.startswith("Fatal py exception")):
+            # What the FMU said comes first; the wrapper's own words about the exception that carried it add nothing.
+            self._errors.append(text)

@@ -1,0 +1,165 @@
+"""A system's slaves, instantiated, ordered, connected and initialised, behind one coupling scheme."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+
+import numpy as np
+
+from .fmu import Slave, SlaveError
+from .schemes import SCHEMES, Exchange
+from .ssp import System
+from .stability import StabilityGuard
+
+_CONTACT_FORCE = re.compile(r"contact\[(\d+)\]\.F\[1\]")
+_WHEEL_FORCE = re.compile(r"wheel\[(\d+)\]\.f_0\[1\]")
+#: Outputs that are recorded only if asked for: they carry the coupling, not the physics.
+_COUPLING = re.compile(r"contact\[\d+\]\.|inverse_inertia\[")
+_GUARD_EVERY = 20  # steps between two checks of an explicit scheme's stability
+
+
+class Master:
+    """Runs a system step by step.
+
+    Args:
+        system: From :func:`orchestrator.ssp.read_system`.
+        scheme: One of :data:`orchestrator.schemes.SCHEMES`.
+        stop_time: Told to the slaves [s]; None = open.
+        warn: Called with each warning.
+        record: Says whether an output (component, variable) is fetched for the result; by default all but those of the coupling.
+    """
+
+    def __init__(self, system: System, scheme: str = "ij", stop_time: float | None = None, warn=print, record=None):
+        if scheme not in SCHEMES:
+            raise ValueError(f"scheme {scheme!r} is unknown: choose one of {', '.join(SCHEMES)}")
+        self.system = system
+        self.records = record or (lambda component, variable: not _COUPLING.match(variable))
+        self._warn = warn
+        kind = SCHEMES[scheme]
+        slaves: dict[str, Slave] = {}
+        try:
+            for name, component in system.components.items():
+                slaves[name] = Slave(name, component.model_description, component.directory, lambda text, n=name: warn(f"{n}: {text}"))
+            self.slaves = _in_order(slaves, system)
+            self._connections = [c for c in system.connections if kind.sends(c.target_variable)]
+            exchange = self._connect(slaves, explicit=kind.explicit)
+            for slave in self.slaves:
+                parameters = dict(system.components[slave.name].parameters)
+                if kind.explicit and "inverse_inertia" in slave.variables:
+                    parameters["inverse_inertia"] = 2  # on: the guard needs it
+                slave.initialise(system.start_time, stop_time, parameters)
+            for slave in self.slaves:
+                slave.get(system.start_time)
+            self.scheme = kind(exchange)
+            self._guard = self._stability_guard(slaves) if kind.explicit else None
+        except BaseException:
+            self.slaves = list(slaves.values())
+            self.close()
+            raise
+        self._steps = 0
+
+    def step(self, t: float, h: float) -> None:
+        """Advance all slaves from t by h [s]; raises SlaveError with the instance, the variable and who sent it."""
+        try:
+            self.scheme.step(t, h)
+        except SlaveError as error:
+            raise SlaveError(f"{error}{self._senders_of_nan()}") from error
+        # One dot product finds any NaN or infinity among the outputs.
+        if not np.isfinite(np.dot(self.outputs, self.outputs)):
+            raise SlaveError(f"a slave's output is not finite after the step at t = {t:.6g} s{self._senders_of_nan()}")
+        if self._guard is not None and self._steps % _GUARD_EVERY == 0:
+            self._guard.check(t, h)
+        self._steps += 1
+
+    def close(self) -> None:
+        """End all instances."""
+        for slave in self.slaves:
+            with suppress(Exception):
+                slave.close()
+
+    # -- checkpoints
+
+    def save(self) -> dict[str, np.ndarray]:
+        """Everything that a run needs to go on with the same bits: the slaves' states and the exchanged values."""
+        for slave in self.slaves:
+            if not slave.can_serialise:
+                raise SlaveError(f"{slave.name}: its FMU cannot serialise its state, so a run with it has no checkpoints")
+        states = {f"state.{s.name}": np.frombuffer(s.to_bytes(), dtype=np.uint8) for s in self.slaves}
+        return {"inputs": self.inputs.copy(), "outputs": self.outputs.copy(), **states}
+
+    def restore(self, saved) -> None:
+        """Go back to what ``save`` returned."""
+        for slave in self.slaves:
+            slave.from_bytes(saved[f"state.{slave.name}"].tobytes())
+        self.inputs[:] = saved["inputs"]
+        self.outputs[:] = saved["outputs"]
+        self.scheme.resumed = True
+
+    # -- construction
+
+    def _connect(self, slaves: dict[str, Slave], explicit: bool) -> Exchange:
+        inputs: dict[str, list] = {name: [] for name in slaves}
+        sources: dict[str, set] = {name: set() for name in slaves}
+        for connection in self._connections:
+            inputs[connection.target_component].append(connection)
+            sources[connection.source_component].add(connection.source_variable)
+        outputs = {}
+        for name, slave in slaves.items():
+            offered = [v for v in slave.variables.values() if v.causality == "output" and v.type != "String"]
+            guard = re.compile(r"contact\[\d+\]\.(axes|K|D)\[|inverse_inertia\[") if explicit else re.compile("$^")
+            outputs[name] = [v.name for v in offered if v.name in sources[name] or self.records(name, v.name) or guard.match(v.name)]
+        self.inputs = np.zeros(sum(map(len, inputs.values())))
+        self.outputs = np.zeros(sum(map(len, outputs.values())))
+        self.output_index: dict[tuple[str, str], int] = {}
+        start_u = start_y = 0
+        for name, slave in slaves.items():
+            for i, variable in enumerate(outputs[name]):
+                self.output_index[name, variable] = start_y + i
+            u = self.inputs[start_u : start_u + len(inputs[name])]
+            y = self.outputs[start_y : start_y + len(outputs[name])]
+            slave.connect([c.target_variable for c in inputs[name]], u, outputs[name], y)
+            start_u, start_y = start_u + u.size, start_y + y.size
+        routes = {}
+        for name, connections in inputs.items():
+            if connections:
+                source = np.array([self.output_index[c.source_component, c.source_variable] for c in connections])
+                factor = np.array([c.factor for c in connections])
+                offset = np.array([c.offset for c in connections])
+                plain = bool(np.all(factor == 1.0) and np.all(offset == 0.0))
+                routes[name] = (source, slaves[name].u, *((None, None) if plain else (factor, offset)))
+        return Exchange(self.slaves, self.inputs, self.outputs, routes)
+
+    def _stability_guard(self, slaves: dict[str, Slave]) -> StabilityGuard | None:
+        rover = next((s for s in self.slaves if "inverse_inertia[1,1]" in s.variables), None)
+        contacts = []
+        for connection in self._connections:
+            source = slaves[connection.source_component]
+            wheel = _WHEEL_FORCE.fullmatch(connection.target_variable)
+            at_source = _WHEEL_FORCE.fullmatch(connection.source_variable)
+            if wheel and at_source and rover and connection.target_component == rover.name:
+                number = int(at_source[1])
+                if f"contact[{number}].K[1]" in source.variables:
+                    contacts.append((source, number, int(wheel[1])))
+        return StabilityGuard(rover, contacts, self._warn) if contacts else None
+
+    def _senders_of_nan(self) -> str:
+        found = [f"{name}.{variable}" for (name, variable), i in self.output_index.items() if not np.isfinite(self.outputs[i])]
+        if not found:
+            return ""
+        return f"; it came from {', '.join(found[:3])}{' and others' if len(found) > 3 else ''}"
+
+
+def _in_order(slaves: dict[str, Slave], system: System) -> list[Slave]:
+    """Dependency order: a slave with feedthrough before those it feeds; where a cycle remains, the system's own order."""
+    waits_for = {name: set() for name in slaves}
+    for connection in system.connections:
+        if slaves[connection.source_component].has_feedthrough and connection.source_component != connection.target_component:
+            waits_for[connection.target_component].add(connection.source_component)
+    order: list[str] = []
+    while len(order) < len(slaves):
+        left = [name for name in slaves if name not in order]
+        ready = [name for name in left if waits_for[name] <= set(order)]
+        order.append((ready or left)[0])
+    # Slaves without feedthrough step last: the others need their outputs of t, not of t + H.
+    return [slaves[n] for n in sorted(order, key=lambda n: (not slaves[n].has_feedthrough, order.index(n)))]

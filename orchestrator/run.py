@@ -1,0 +1,197 @@
+"""Run a system: the loop over communication steps, with results, checkpoints, progress and a clean end whatever happens."""
+
+from __future__ import annotations
+
+import hashlib
+import signal
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .master import Master
+from .results import Channel, ResultWriter, open_result
+from .ssp import System
+
+RESULT = "result.nc"
+
+
+class RunError(Exception):
+    """A run cannot start as asked; the message names the value and the remedy."""
+
+
+@dataclass
+class Outcome:
+    """How a run ended: result file, last time [s], wall time of the loop [s], status and warnings."""
+
+    result: Path
+    simulated_s: float
+    wall_s: float
+    status: str
+    scheme: str
+    step_s: float
+    warnings: list[str] = field(default_factory=list)
+
+
+def run(
+    system: System,
+    out: Path,
+    *,
+    scheme: str = "ij",
+    step: float = 1e-3,
+    stop_time: float | None = None,
+    record_interval: float | None = None,
+    attributes: Mapping[str, object] | None = None,
+    progress: Callable[[float, float], None] = lambda t, stop: None,
+    checkpoint_every: float | None = None,
+    resume: Path | None = None,
+) -> Outcome:
+    """Run ``system`` and write ``out/result.nc``.
+
+    Args:
+        system: What to run.
+        out: Folder for result and checkpoints, made if needed.
+        scheme: Coupling scheme.
+        step: Communication step H [s].
+        stop_time: End [s]; the system's own by default.
+        record_interval: Time between two recorded rows [s], a multiple of the step; by default every step.
+        attributes: Stored with the result.
+        progress: Called now and then with the time reached and the stop time [s].
+        checkpoint_every: Simulated time between checkpoints [s].
+        resume: Checkpoint to go on from, with the same system, scheme and step; its result file is completed.
+
+    Raises:
+        RunError: step, stop time or checkpoint do not fit.
+        SlaveError: a slave failed; the rows so far are in the result.
+    """
+    start = system.start_time
+    stop = system.stop_time if stop_time is None else stop_time
+    if stop is None:
+        raise RunError("no stop time: the system has none, so give --stop-time S")
+    n_steps = _whole(stop - start, step, "stop time")
+    every = 1 if record_interval is None else max(1, _whole(record_interval, step, "record interval"))
+    checkpoint_steps = 0 if checkpoint_every is None else _whole(checkpoint_every, step, "checkpoint interval")
+    out.mkdir(parents=True, exist_ok=True)
+    warnings: list[str] = []
+    identity = _identity(system, scheme, step)
+    saved = None if resume is None else _read_checkpoint(resume, identity)
+    earlier = None if resume is None else _earlier_rows(resume)
+    master = Master(system, scheme, stop, warnings.append)
+    recorded = [(key, i) for key, i in master.output_index.items() if master.records(*key)]
+    columns = np.array([i for _, i in recorded])
+    channels = [_channel(system, *key) for key, _ in recorded]
+    facts = {"scheme": scheme, "step_s": step, "fmu_hashes": _hashes(system), **(attributes or {})}
+    status, k, began = "complete", 0, time.perf_counter()
+    try:
+        with ResultWriter(out / RESULT, channels, facts) as result, _interrupts() as interrupted:
+            if saved is None:
+                result.append(start, master.outputs[columns])
+            else:
+                master.restore(saved)
+                k = int(saved["step"])
+                for t, row in zip(*earlier(start + k * step, channels)):
+                    result.append(t, row)
+            shown = 0.0
+            began = time.perf_counter()
+            while k < n_steps:
+                master.step(start + k * step, step)
+                k += 1
+                if k % every == 0 or k == n_steps:
+                    result.append(start + k * step, master.outputs[columns])
+                if checkpoint_steps and k % checkpoint_steps == 0:
+                    result.flush()
+                    _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k)
+                now = time.perf_counter()
+                if now - shown > 0.1 or k == n_steps:
+                    shown = now
+                    progress(start + k * step, stop)
+                if interrupted():
+                    status = "interrupted"
+                    break
+            result.close(status)
+    finally:
+        master.close()
+    wall = time.perf_counter() - began
+    return Outcome(out / RESULT, start + k * step, wall, status, scheme, step, warnings)
+
+
+def _whole(duration: float, step: float, what: str) -> int:
+    if not step > 0.0:
+        raise RunError(f"step = {step:g} s: it must be positive")
+    n = round(duration / step)
+    if n < 0 or abs(n * step - duration) > 1e-9 * max(abs(duration), step):
+        low = int(duration / step) * step
+        raise RunError(f"{what} {duration:g} s is no multiple of the step {step:g} s; the nearest are {low:g} s and {low + step:g} s")
+    return n
+
+
+def _channel(system: System, component: str, variable: str) -> Channel:
+    declared = next(v for v in system.components[component].model_description.modelVariables if v.name == variable)
+    unit = declared.unit or (declared.declaredType.unit if declared.declaredType else None) or "1"
+    return Channel(f"{component}.{variable}", unit, declared.description or "")
+
+
+def _hashes(system: System) -> dict[str, str]:
+    return {name: hashlib.sha256(Path(c.fmu_path).read_bytes()).hexdigest()[:16] for name, c in system.components.items()}
+
+
+@contextmanager
+def _interrupts():
+    """Catch SIGINT as a flag: an exception would surface inside a slave. Only the main thread may set handlers."""
+    flag = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield flag.is_set
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: flag.set())
+    try:
+        yield flag.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+# -- checkpoints: what the master saved, and what it must meet again to go on with the same bits
+
+
+def _identity(system: System, scheme: str, step: float) -> str:
+    parameters = {name: sorted(c.parameters.items()) for name, c in system.components.items()}
+    return hashlib.sha256(repr((_hashes(system), parameters, system.connections, scheme, step)).encode()).hexdigest()
+
+
+def _write_checkpoint(path: Path, master: Master, identity: str, k: int) -> None:
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez_compressed(file, identity=identity, step=k, **master.save())
+    part.replace(path)
+
+
+def _read_checkpoint(path: Path, identity: str) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            saved = dict(data)
+    except (OSError, ValueError) as error:
+        raise RunError(f"{path} is no checkpoint that can be read: {error}") from error
+    if str(saved["identity"]) != identity:
+        raise RunError(
+            f"{path} was written by another run (FMUs, parameters, scheme or step differ); resume it with those it was written with"
+        )
+    return saved
+
+
+def _earlier_rows(resume: Path):
+    """Rows up to the checkpoint, from the result file beside it; read now, as the new result may replace that file."""
+    path = resume.parent / RESULT
+    if not path.exists():
+        raise RunError(f"{path} is missing: a checkpoint is resumed together with the result file beside it")
+    earlier = open_result(path)
+
+    def rows(until: float, channels: list[Channel]):
+        if [c.name for c in channels] != list(earlier["channel"].values):
+            raise RunError(f"{path} records other channels than this run; resume with the same settings")
+        keep = earlier["time"].values <= until + 1e-9
+        return earlier["time"].values[keep], earlier["series"].values[keep]
+
+    return rows

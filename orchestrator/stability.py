@@ -1,0 +1,78 @@
+"""Whether an explicit exchange of contact forces is stable at a step H: the checks that the master makes for explicit schemes.
+
+Friction: lambda_max(A D) H < 2. Spring: a zero-order hold over H adds a damping ratio of about -omega H / 4 under Gauss-Seidel, so the
+contact's own must be larger; omega^2 = lambda_max(A K). A is the operational-space inverse inertia at the contacts, which a rover
+offers as ``inverse_inertia[i,j]``; K and D come from the contacts' interface Jacobians.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from scipy.linalg import eigh
+
+_ELEMENT = re.compile(r"inverse_inertia\[(\d+),(\d+)\]")
+
+
+class StabilityGuard:
+    """Warns once about each wheel whose contact is too stiff for the step.
+
+    Args:
+        rover: Slave that offers ``inverse_inertia``.
+        contacts: (contact slave, contact number there, wheel number at the rover) of every contact connected to the rover.
+        warn: Called with the warning.
+    """
+
+    def __init__(self, rover, contacts: list[tuple], warn):
+        self._warn = warn
+        self._warned: set[int] = set()
+        at = {name: i for i, name in enumerate(rover.outputs)}
+        elements = [(int(m[1]) - 1, int(m[2]) - 1, i) for n, i in at.items() if (m := _ELEMENT.fullmatch(n))]
+        self._size = 1 + max(row for row, _, _ in elements)
+        self._elements = elements
+        self._rover = rover
+        self._contacts = []
+        for slave, number, wheel in contacts:
+            index = {name: i for i, name in enumerate(slave.outputs)}
+            pick = lambda names, index=index: np.array([index[n] for n in names])  # noqa: E731
+            axes = pick([f"contact[{number}].axes[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3)])
+            K, D = (pick([f"contact[{number}].{q}[{i}]" for i in (1, 2, 3)]) for q in "KD")
+            self._contacts.append((slave, wheel, axes, K, D))
+
+    def check(self, t: float, h: float) -> None:
+        """Warn about wheels whose contact, as it is at t, is not stable under an exchange every h [s]."""
+        A = np.zeros((self._size, self._size))
+        for row, column, i in self._elements:
+            A[row, column] = self._rover.y[i]
+        K, D = np.zeros_like(A), np.zeros_like(A)
+        for slave, wheel, axes, k, d in self._contacts:
+            R = slave.y[axes].reshape(3, 3)
+            block = slice(3 * wheel - 3, 3 * wheel)
+            K[block, block] += R.T @ np.diag(slave.y[k]) @ R
+            D[block, block] += R.T @ np.diag(slave.y[d]) @ R
+        if not (A.any() and (K.any() or D.any())):
+            return
+        values, vectors = np.linalg.eigh(0.5 * (A + A.T))
+        root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T  # A = root root; root K root is symmetric, same eigenvalues as A K
+        rates, modes = eigh(root @ D @ root)
+        if rates[-1] * h >= 2.0:
+            self._say(
+                modes[:, -1], t, f"friction and damping need a step below {2.0 / rates[-1]:.2g} s (lambda_max(A D) = {rates[-1]:.3g} 1/s)"
+            )
+        squares, modes = eigh(root @ K @ root)
+        omega = float(np.sqrt(max(squares[-1], 0.0)))
+        if omega > 0.0:
+            mode = modes[:, -1]
+            zeta = float(mode @ root @ D @ root @ mode) / (2.0 * omega)
+            if zeta <= omega * h / 4.0:
+                text = f"its spring (omega = {omega:.3g} rad/s, damping ratio {zeta:.2g}) needs a step below {4.0 * zeta / omega:.2g} s"
+                self._say(mode, t, text)
+
+    def _say(self, mode: np.ndarray, t: float, text: str) -> None:
+        wheel = int(np.abs(mode).reshape(-1, 3).max(axis=1).argmax()) + 1
+        if wheel not in self._warned:
+            self._warned.add(wheel)
+            self._warn(
+                f"{self._rover.name}.wheel[{wheel}]: {text} at t = {t:.4g} s under an explicit exchange; use scheme ij or a smaller step"
+            )
