@@ -1,0 +1,264 @@
+"""Loads of the soil on a rigid wheel above a plane: rim, grousers and side faces.
+
+All are resolved at the wheel's centre in the wheel's axes: x along the heading in the plane, a along the axle (to the left),
+r = x cross a, away from the soil. The plane's normal has the components (0, sin_g, cos_g) there, g being the camber.
+``d`` is the height of the centre above the plane [m]. Velocities are the wheel's relative to the soil.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..slave.kernel import kernel
+from ..terramechanics import bekker, exit_share, janosi_velocity, mapped_shear_velocity, mohr_coulomb, rankine_wall, wong_reece_mirror
+
+_NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(8))
+_STRIPS, _STRIP_WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(3))
+_N = len(_NODES)
+
+#: Below this sum of camber [rad] and of yaw and roll rate times width [m/s] one strip stands for the whole width.
+_ONE_STRIP = 1e-9
+#: Cosine of the largest entry angle: a deeper wheel is loaded like one in the soil up to here.
+_DEEPEST = -0.98
+#: Least mapped V_j [m/s]: keeps the friction of a wheel at rest finite.
+_LEAST_V_J = 1e-3
+
+
+@kernel
+def entry_angle(p, d, cos_g, height):
+    """Angle [rad] from nadir at which the circle of radius r_w cuts a plane ``height`` above the contact plane; 0 without contact."""
+    c = (d - height) / (p.r_w * cos_g)
+    return math.acos(max(c, _DEEPEST)) if c < 1.0 else 0.0
+
+
+@kernel
+def shear_velocity_scale(p, speed, arc):
+    """V_j [m/s] for the contact arc [m] passed at ``speed`` [m/s]."""
+    if p.V_j_mode == 1.0:
+        return p.V_j
+    return max(mapped_shear_velocity(p.K, speed, arc), _LEAST_V_J)
+
+
+@kernel
+def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip):
+    """Normal and shear stress on the rim, integrated over theta and, with camber or yaw, across the width.
+
+    Returns:
+        fx, fa, fr [N], mx, ma, mr [N.m], stiffness along the plane's normal [N/m], damping along x, a and the normal [N.s/m],
+        shear force along the rim [N] and the largest one that the soil could bear [N].
+    """
+    fx = fa = fr = mx = ma = mr = k_z = d_x = d_y = d_z = thrust = strength = 0.0
+    front = exit_share(p.eta, -travel, p.V_theta)
+    rear = exit_share(p.eta, travel, p.V_theta)
+    speed = max(abs(v_x), abs(p.r_w * w_a))
+    two_part = p.normal_model == 2.0
+    parts = 2 if two_part else 1
+    v_n = v_a * sin_g + v_r * cos_g  # separating velocity of the centre from the plane
+
+    # The part of the width that touches the plane; the edge of a cambered wheel may be in the air.
+    left, right = 0.5 * p.b_w, -0.5 * p.b_w
+    if sin_g > 0.0:
+        left = min(left, (p.r_w * cos_g - d) / sin_g)
+    elif sin_g < 0.0:
+        right = max(right, (p.r_w * cos_g - d) / sin_g)
+    one_strip = abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
+    for j in range(1 if one_strip else len(_STRIPS)):
+        xi = 0.5 * (left + right) + (0.0 if one_strip else 0.5 * (left - right) * _STRIPS[j])
+        width = (left - right) * (1.0 if one_strip else 0.5 * _STRIP_WEIGHTS[j])
+        theta_1 = entry_angle(p, d + xi * sin_g, cos_g, 0.0)
+        if width <= 0.0 or theta_1 <= 0.0:
+            continue
+        theta_front, theta_rear = front * theta_1, -rear * theta_1
+        cos_1 = math.cos(theta_1)
+        V_j = shear_velocity_scale(p, speed, p.r_w * (theta_front - theta_rear))
+        damping = max(0.0, 1.0 - p.c_d * (v_n + w_x * xi * cos_g))  # Hunt & Crossley 1975, own choice for soil
+        cohesion = p.c * min(1.0, damping)  # no adhesion on separation
+
+        # Wong & Reece: largest stress at theta_m, ahead of nadir in the direction of travel, at nadir while at rest.
+        theta_m = theta_front if travel >= 0.0 else theta_rear
+        lead, trail = (theta_front, theta_rear) if travel >= 0.0 else (theta_rear, theta_front)
+        if two_part:
+            theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * (1.0 - math.exp(-abs(travel) / p.V_theta))
+        for part in range(parts):
+            start, end = (trail, lead) if not two_part else ((trail, theta_m) if part == 0 else (theta_m, lead))
+            half = 0.5 * abs(end - start)
+            # One node more at the trailing end: how the arc grows with sinkage is part of the stiffness.
+            for k in range(_N + (not two_part)):
+                if k < _N:
+                    theta = 0.5 * (start + end) + half * _NODES[k]
+                    dA = p.r_w * width * half * _WEIGHTS[k]
+                    growth = 0.0
+                else:
+                    theta = trail
+                    dA = 0.0
+                    growth = width * abs(trail) / (theta_1 * cos_g * math.sin(theta_1))
+                sin, cos = math.sin(theta), math.cos(theta)
+                deepening = 1.0
+                cos_z = cos
+                if two_part and part == 0:
+                    mirror = wong_reece_mirror(theta, lead, trail, theta_m)
+                    cos_z = math.cos(mirror)
+                    slope = -(lead - theta_m) / (theta_m - trail)
+                    deepening -= math.sin(mirror) * (mirror - slope * theta) / (theta_1 * math.sin(theta_1))
+                z = p.r_w * cos_g * (cos_z - cos_1)
+                static = bekker(k_eq, z, p.n)
+                sigma = static * damping
+                v_t = (v_x - w_r * xi) * cos + (v_r + w_x * xi) * sin - w_a * r_s
+                v_l = v_a + r_s * (w_r * sin + w_x * cos)
+                tau_max = mohr_coulomb(cohesion, sigma, tan_phi)
+                phi_m = janosi_velocity(math.sqrt(v_t * v_t + v_l * v_l), V_j)
+                g = tau_max * phi_m
+                tau_t, tau_l = -g * v_t, -g * v_l  # Eq. (8.6)
+                p_x = tau_t * cos - sigma * sin
+                p_r = sigma * cos + tau_t * sin
+                fx += p_x * dA
+                fa += tau_l * dA
+                fr += p_r * dA
+                mx += (xi * p_r + r_s * cos * tau_l) * dA
+                ma -= r_s * tau_t * dA
+                mr += (r_s * sin * tau_l - xi * p_x) * dA
+                thrust += tau_t * dA
+                strength += tau_max * dA
+                d_x += g * cos * cos * dA
+                d_y += g * dA
+                d_z += g * sin * sin * dA
+                # Force along the plane's normal per normal stress, with the shear strength that it brings.
+                share = cos_g * (cos - tan_phi * phi_m * v_t * sin) - sin_g * tan_phi * phi_m * v_l
+                if damping > 0.0:
+                    d_z += p.c_d * static * share * dA
+                    if z > 0.0:
+                        k_z += p.n * sigma / z * deepening * share * dA
+                k_z += (p_r * cos_g + tau_l * sin_g) * growth
+    return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength
+
+
+@kernel
+def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left):
+    """Passive earth force on the grousers' faces, bearing and shear on their tips, all at the middle of the width.
+
+    Args:
+        angle: theta of one grouser [rad].
+        thrust_left: Largest sum of face forces along the rim that the soil can still bear [N].
+
+    Returns:
+        fx, fa, fr [N], mx, ma, mr [N.m], stiffness along the normal [N/m], damping along x, a and the normal [N.s/m].
+    """
+    fx = fa = fr = mx = ma = mr = k_z = d_x = d_y = d_z = 0.0
+    r_tip = p.r_w + p.h_g
+    pitch = 2.0 * math.pi / p.n_g
+    # Where the failure wedges of neighbouring grousers meet, the soil shears on the tips' cylinder instead (rim with r_s).
+    faces = p.h_g * math.sqrt(N_phi) < pitch * r_tip
+    theta_1 = entry_angle(p, d, cos_g, 0.0)
+    # Behind the wheel the soil's surface is where the rim left it: below the plane by ``drop``, reached linearly from nadir on.
+    theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
+    theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
+    drop_front = p.r_w * cos_g * (math.cos(theta_front) - math.cos(theta_1))
+    drop_rear = p.r_w * cos_g * (math.cos(theta_rear) - math.cos(theta_1))
+    gamma_s = p.rho * p.gravity
+    speed = max(abs(v_x), abs(p.r_w * w_a))
+    V_j = shear_velocity_scale(p, speed, p.r_w * max(theta_front + theta_rear, 1e-3))
+    damping = max(0.0, 1.0 - p.c_d * (v_a * sin_g + v_r * cos_g))
+    reach = math.acos(max(-1.0, min(1.0, d / (r_tip * cos_g))))
+    first = math.ceil((-reach - angle) / pitch)
+    last = math.floor((reach - angle) / pitch)
+    capacity = 0.0
+    for i in range(first, last + 1):
+        capacity += abs(_face(p, angle + i * pitch, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear))
+    cap = 1.0 if capacity <= thrust_left else thrust_left / capacity
+    for i in range(first, last + 1):
+        theta = angle + i * pitch
+        sin, cos = math.sin(theta), math.cos(theta)
+        v_t = v_x * cos + v_r * sin
+        if faces:
+            r_face = p.r_w + 0.5 * p.h_g
+            v_face = v_t - w_a * r_face
+            passive = cap * _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear)
+            g = passive * janosi_velocity(abs(v_face), V_j)
+            f = -g * v_face
+            fx += f * cos
+            fr += f * sin
+            ma -= f * r_face
+            d_x += g * cos * cos
+            d_z += g * sin * sin
+        z = r_tip * cos * cos_g - d - _drop(theta, theta_front, theta_rear, drop_front, drop_rear)
+        static = bekker(k_eq, z, p.n)
+        if static <= 0.0:
+            continue
+        area = p.b_w * p.t_g
+        sigma = static * damping
+        v_tip = v_t - w_a * r_tip
+        v_l = v_a + r_tip * (w_r * sin + w_x * cos)
+        phi_m = janosi_velocity(math.sqrt(v_tip * v_tip + v_l * v_l), V_j)
+        g = area * mohr_coulomb(p.c * min(1.0, damping), sigma, tan_phi) * phi_m
+        f, f_l = -g * v_tip, -g * v_l
+        fx += f * cos - sigma * area * sin
+        fa += f_l
+        fr += f * sin + sigma * area * cos
+        mx += r_tip * cos * f_l
+        ma -= r_tip * f
+        mr += r_tip * sin * f_l
+        d_x += g * cos * cos
+        d_y += g
+        d_z += g * sin * sin
+        if damping > 0.0:
+            share = area * (cos_g * (cos - tan_phi * phi_m * v_tip * sin) - sin_g * tan_phi * phi_m * v_l)
+            d_z += p.c_d * static * share
+            k_z += p.n * sigma / z * share
+    return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z
+
+
+@kernel
+def _drop(theta, theta_front, theta_rear, drop_front, drop_rear):
+    if theta >= 0.0:
+        return drop_front * (min(1.0, theta / theta_front) if theta_front > 0.0 else 1.0)
+    return drop_rear * (min(1.0, -theta / theta_rear) if theta_rear > 0.0 else 1.0)
+
+
+@kernel
+def _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear):
+    """Passive earth force [N] on the wetted part of a grouser's face."""
+    slant = math.cos(theta) * cos_g
+    surface = d + _drop(theta, theta_front, theta_rear, drop_front, drop_rear)
+    top = p.r_w * slant - surface
+    bottom = top + p.h_g * slant
+    if bottom <= 0.0 or slant <= 0.0:
+        return 0.0
+    q = p.kappa_q * bekker(k_eq, top, p.n)  # surcharge: the share kappa_q of the rim's pressure
+    top = max(top, 0.0)
+    return p.b_w / slant * rankine_wall(gamma_s, bottom - top, top, q, p.c, N_phi)
+
+
+@kernel
+def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel):
+    """Passive earth force on the side faces, wherever they move against the soil.
+
+    Returns:
+        fa [N], mx, mr [N.m], damping along a [N.s/m].
+    """
+    fa = mx = mr = d_y = 0.0
+    theta_1 = entry_angle(p, d - 0.5 * p.b_w * abs(sin_g), cos_g, 0.0)
+    if theta_1 <= 0.0:
+        return fa, mx, mr, d_y
+    theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
+    theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
+    gamma_s = p.rho * p.gravity
+    V_j = shear_velocity_scale(p, max(abs(v_x), abs(p.r_w * w_a)), p.r_w * (theta_front + theta_rear))
+    half = 0.5 * (theta_front + theta_rear)
+    for k in range(_N):
+        theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
+        sin, cos = math.sin(theta), math.cos(theta)
+        v_l = v_a + p.r_w * (w_r * sin + w_x * cos)
+        xi = 0.5 * p.b_w if v_l > 0.0 else -0.5 * p.b_w
+        height = p.r_w * cos - (d + xi * sin_g) / cos_g
+        if height <= 0.0:
+            continue
+        q = p.kappa_q * bekker(k_eq, height, p.n)
+        g = rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
+        f = -g * v_l
+        fa += f
+        mx += (p.r_w * cos - height / 3.0) * f  # a pressure that grows with depth acts at a third of the height
+        mr += p.r_w * sin * f
+        d_y += g
+    return fa, mx, mr, d_y

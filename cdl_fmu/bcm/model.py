@@ -1,0 +1,238 @@
+"""The BCM model: records, checks and step."""
+
+from __future__ import annotations
+
+import math
+
+from ..frames import cross, dot, is_rotation
+from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, wheel_active, wheel_pose, wheel_wrench
+from ..slave.kernel import kernel
+from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
+from ..slave.records import Array, Choice, Real, Record
+from ..soil import SOIL
+from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
+from ..wheel import WHEEL
+from . import loads
+
+_LEAST_CAMBER_COSINE = 0.17  # the axle at most 80 degrees from the horizontal
+_SLIP_FLOOR = 1e-3  # [m/s] slower wheels have a slip and slip angle near 0 rather than noise
+_NO_DATA, _STILL_NO_DATA, _BURIED, _ON_ITS_SIDE = 1, 2, 3, 4
+_PATIENCE = 2  # steps without a pose
+
+
+class BCM(KernelModel):
+    """Bekker based contact model: wheels in sand whose ground is one plane a wheel.
+
+    Bekker's normal stress (8.5) and a shear stress by shear velocity (8.6), limited by Mohr and Coulomb (8.7), are integrated
+    over the rim between the entry and the exit angle; grousers and wheel sides bear Rankine's passive earth pressure (8.8).
+
+    Args:
+        n_wheels: Number of wheels.
+    """
+
+    parameters = (
+        ENVIRONMENT
+        | SOIL
+        | WHEEL
+        | Record(
+            ground_z=Real(0.0, "m", "Height of the undeformed flat ground", min=-1e6, max=1e6),
+            eta=Real(0.5, "1", "Least ratio of exit to entry angle, reached when driving", min=0.0, max=1.0),
+            V_theta=Real(0.01, "m/s", "Speed over which the exit angle falls from the entry angle to eta of it", min=1e-6, max=100.0),
+            V_j=Real(0.05, "m/s", "Shear velocity that mobilises 63 % of the shear strength", min=1e-6, max=100.0),
+            V_j_mode=Choice("Shear velocity scale", constant="V_j at every speed", mapped="from K and the time of passage"),
+            K=Real(0.02, "m", "Shear displacement modulus of Janosi and Hanamoto; used if V_j_mode is mapped", min=1e-6, max=10.0),
+            normal_model=Choice("Normal stress over the rim", bekker="Bekker at local sinkage", wong_reece="two parts, 0 at the exit"),
+            c_1=Real(0.43, "1", "Angle of the largest normal stress / entry angle at slip 0; used by wong_reece", min=0.0, max=0.95),
+            c_2=Real(0.32, "1", "Its increase with slip; used by wong_reece", min=-0.95, max=0.95),
+            c_d=Real(1.9, "s/m", "Normal damping: stress grows by this times the sinking speed (1.9: 28 % of critical)", min=0.0, max=1e3),
+            kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces and sides", min=0.0, max=1.0),
+        )
+    )
+    events = {
+        _NO_DATA: Event("wheel {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
+        _STILL_NO_DATA: Event("wheel[{i}] still has no pose after 2 steps: connect wheel[{i}].r_0, T, v_0, w_0 to the rover"),
+        _BURIED: Event(
+            "wheel {i} is buried: its centre is more than its radius below the ground; start it on the ground or check ground_z"
+        ),
+        _ON_ITS_SIDE: Event("wheel {i} lies on its side: its axle is more than 80 deg from the horizontal; BCM knows rolling wheels only"),
+    }
+
+    def __init__(self, n_wheels: int = 1):
+        super().__init__(n_wheels=n_wheels)
+        self.identifier = f"cdl_bcm_w{n_wheels}"
+        self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels)
+        self.state = Record(wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))))
+        self.outputs = wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels)
+        self.initialise_kernel = _initialise
+        self.step_kernel = _step_flat
+
+    def check(self, p) -> None:
+        """Refuse a soil that bears nothing under this wheel's width."""
+        if p.k_c / p.b_w + p.k_phi <= 0.0:
+            least = f"a wheel wider than {-p.k_c / p.k_phi:.3g} m or " if p.k_phi > 0.0 else ""
+            raise ModelError(
+                f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi <= 0 for wheel width b_w = {p.b_w:g} m; use {least}another soil"
+            )
+        if p.n_g != math.floor(p.n_g):
+            raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")
+
+
+@kernel
+def _initialise(t, p, x, y):
+    for i in range(len(y.wheel)):
+        x.wheel[i].silent = 0.0
+        _release(y.wheel[i], y.contact[i], y.diagnostics[i])
+
+
+@kernel
+def _step_flat(t, h, p, u, x, y):
+    for i in range(len(u.wheel)):
+        status = _refusal(p, u.wheel[i], x.wheel[i].silent, p.ground_z)
+        if status:
+            return status + STATUS_SPAN * i
+    status = 0
+    for i in range(len(u.wheel)):
+        wheel = u.wheel[i]
+        _release(y.wheel[i], y.contact[i], y.diagnostics[i])
+        if wheel.active == 0.0:
+            continue
+        if _has_pose(wheel):
+            x.wheel[i].silent = 0.0
+            _contact(p, wheel, 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z, y.wheel[i], y.contact[i], y.diagnostics[i])
+        else:
+            x.wheel[i].silent += 1.0
+            status = _NO_DATA + STATUS_SPAN * i
+    return status
+
+
+@kernel
+def _has_pose(wheel):
+    """False for a T that is no rotation and for a wheel that was never set: T exactly the identity and all else exactly 0."""
+    if not is_rotation(wheel.T):
+        return False
+    for i in range(3):
+        if wheel.r_0[i] != 0.0 or wheel.v_0[i] != 0.0 or wheel.w_0[i] != 0.0:
+            return True
+        for j in range(3):
+            if wheel.T[i, j] != (1.0 if i == j else 0.0):
+                return True
+    return False
+
+
+@kernel
+def _refusal(p, wheel, silent, surface):
+    """Number of the error that this wheel is in, or 0; ``surface`` is the ground's height under its centre [m]."""
+    if wheel.active == 0.0:
+        return 0
+    if not _has_pose(wheel):
+        return _STILL_NO_DATA if silent >= _PATIENCE else 0
+    if wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2 < _LEAST_CAMBER_COSINE**2:
+        return _ON_ITS_SIDE
+    if wheel.r_0[2] < surface - p.r_w:
+        return _BURIED
+    return 0
+
+
+@kernel
+def _release(wrench, contact, shown):
+    """No contact: nothing acts."""
+    for i in range(3):
+        wrench.f_0[i] = 0.0
+        wrench.t_0[i] = 0.0
+        contact.F[i] = 0.0
+        contact.K[i] = 0.0
+        contact.D[i] = 0.0
+    contact.in_contact = 0.0
+    shown.sinkage = 0.0
+    shown.slip = 0.0
+    shown.slip_angle = 0.0
+    shown.theta_entry = 0.0
+    shown.theta_exit = 0.0
+    shown.drawbar_pull = 0.0
+    shown.lateral_force = 0.0
+    shown.normal_load = 0.0
+    shown.drive_torque = 0.0
+
+
+@kernel
+def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
+    """Wrench, Jacobian and diagnostics of a wheel whose centre is d [m] above a plane with the normal n."""
+    T = wheel.T
+    a_x, a_y, a_z = T[1, 0], T[1, 1], T[1, 2]
+    sin_g = dot(a_x, a_y, a_z, n_x, n_y, n_z)
+    cos_g = math.sqrt(max(1.0 - sin_g * sin_g, _LEAST_CAMBER_COSINE**2))
+    x_x, x_y, x_z = cross(a_x, a_y, a_z, n_x, n_y, n_z)
+    x_x, x_y, x_z = x_x / cos_g, x_y / cos_g, x_z / cos_g
+    r_x, r_y, r_z = cross(x_x, x_y, x_z, a_x, a_y, a_z)
+    v, w = wheel.v_0, wheel.w_0
+    v_x = dot(v[0], v[1], v[2], x_x, x_y, x_z)
+    v_a = dot(v[0], v[1], v[2], a_x, a_y, a_z)
+    v_r = dot(v[0], v[1], v[2], r_x, r_y, r_z)
+    w_x = dot(w[0], w[1], w[2], x_x, x_y, x_z)
+    w_a = dot(w[0], w[1], w[2], a_x, a_y, a_z)
+    w_r = dot(w[0], w[1], w[2], r_x, r_y, r_z)
+    travel = travel_speed(v_x, p.r_w * w_a)
+    slip = slip_ratio(v_x, p.r_w * w_a, _SLIP_FLOOR)
+
+    k_eq = bekker_modulus(p.k_c, p.k_phi, p.b_w)
+    tan_phi = math.tan(p.phi)
+    N_phi = flow_value(p.phi)
+    toothed = p.n_g > 0.0 and p.h_g > 0.0
+    r_tip = p.r_w + p.h_g if toothed else p.r_w
+    interlocked = toothed and p.h_g * math.sqrt(N_phi) >= 2.0 * math.pi / p.n_g * r_tip
+    r_s = r_tip if interlocked else p.r_w
+    fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength = loads.rim(
+        p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip
+    )
+    if toothed:
+        angle = math.atan2(-dot(T[2, 0], T[2, 1], T[2, 2], x_x, x_y, x_z), dot(T[2, 0], T[2, 1], T[2, 2], r_x, r_y, r_z))
+        thrust_left = max(0.0, strength * r_tip / p.r_w - abs(thrust))
+        gx, ga, gr, nx, na, nr, kz, ex, ey, ez = loads.grousers(
+            p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left
+        )
+        fx, fa, fr, mx, ma, mr = fx + gx, fa + ga, fr + gr, mx + nx, ma + na, mr + nr
+        k_z, d_x, d_y, d_z = k_z + kz, d_x + ex, d_y + ey, d_z + ez
+    sa, sx, sr, sy = loads.sides(p, k_eq, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel)
+    fa, mx, mr, d_y = fa + sa, mx + sx, mr + sr, d_y + sy
+
+    weight = wheel.active
+    fx, fa, fr, mx, ma, mr = weight * fx, weight * fa, weight * fr, weight * mx, weight * ma, weight * mr
+    f, m = wrench.f_0, wrench.t_0
+    f[0], f[1], f[2] = fx * x_x + fa * a_x + fr * r_x, fx * x_y + fa * a_y + fr * r_y, fx * x_z + fa * a_z + fr * r_z
+    m[0], m[1], m[2] = mx * x_x + ma * a_x + mr * r_x, mx * x_y + ma * a_y + mr * r_y, mx * x_z + ma * a_z + mr * r_z
+    y_x, y_y, y_z = cross(n_x, n_y, n_z, x_x, x_y, x_z)
+    r, point = wheel.r_0, contact.point_0
+    point[0], point[1], point[2] = r[0] - p.r_w * n_x, r[1] - p.r_w * n_y, r[2] - p.r_w * n_z
+    axes = contact.axes
+    axes[0, 0], axes[0, 1], axes[0, 2] = x_x, x_y, x_z
+    axes[1, 0], axes[1, 1], axes[1, 2] = y_x, y_y, y_z
+    axes[2, 0], axes[2, 1], axes[2, 2] = n_x, n_y, n_z
+    contact.F[0] = fx
+    contact.F[1] = fa * cos_g - fr * sin_g
+    contact.F[2] = fa * sin_g + fr * cos_g
+    contact.K[2] = weight * max(0.0, k_z)
+    contact.D[0] = weight * d_x
+    contact.D[1] = weight * d_y * cos_g * cos_g
+    contact.D[2] = weight * max(0.0, d_z)
+    contact.in_contact = 1.0 if d < r_tip * cos_g + 0.5 * p.b_w * abs(sin_g) else 0.0
+    for i in range(3):
+        contact.anchor.r_0[i] = wheel.r_0[i]
+        contact.anchor.v_0[i] = v[i]
+        contact.anchor.w_0[i] = w[i]
+        for j in range(3):
+            contact.anchor.T[i, j] = T[i, j]
+
+    level = math.sqrt(a_x * a_x + a_y * a_y)
+    h_x, h_y = a_y / level, -a_x / level  # heading, horizontal
+    forward, sideward = v[0] * h_x + v[1] * h_y, v[1] * h_x - v[0] * h_y
+    theta_1 = loads.entry_angle(p, d, cos_g, 0.0)
+    rear = loads.exit_share(p.eta, abs(travel), p.V_theta)
+    shown.sinkage = p.ground_z - (wheel.r_0[2] - p.r_w * level - 0.5 * p.b_w * abs(a_z))
+    shown.slip = slip
+    shown.slip_angle = math.atan2(sideward, max(abs(forward), _SLIP_FLOOR))
+    shown.theta_entry = math.copysign(theta_1, travel)
+    shown.theta_exit = -math.copysign(theta_1 * rear, travel)
+    shown.drawbar_pull = f[0] * h_x + f[1] * h_y
+    shown.lateral_force = f[1] * h_x - f[0] * h_y
+    shown.normal_load = f[2]
+    shown.drive_torque = -ma
