@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import sys
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from pythonfmu import FmuBuilder
 
@@ -22,13 +25,15 @@ try:
     from cdl_fmu.slave.pythonfmu_slave import RecordSlave
 except ImportError as error:
     raise ImportError(
-        "FMU {identifier} needs {distribution} {version} in the Python that runs it: pip install {distribution}=={version} (" + str(error) + ")"
+        "FMU {identifier} needs {distribution} {version} in the Python that runs it: "
+        "pip install {distribution}=={version} (" + str(error) + ")"
     ) from error
 
 
 class {identifier}_slave(RecordSlave):
     built_version = "{version}"
     built_guid = "{guid}"
+    starts = {starts!r}
 
     @staticmethod
     def make_model():
@@ -36,16 +41,20 @@ class {identifier}_slave(RecordSlave):
 '''
 
 
-def cached_fmu(model: Model) -> Path:
-    """Path of the model's FMU in the user's cache, built there if its sources have changed."""
-    path = CACHE / "fmus" / sources_hash()[:16] / f"{model.identifier}.fmu"
+def cached_fmu(model: Model, starts: Mapping[str, float] = MappingProxyType({})) -> Path:
+    """Path of the model's FMU with these start values in the user's cache, built there if it or its sources are new."""
+    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())}".encode()).hexdigest()
+    path = CACHE / "fmus" / key[:16] / f"{model.identifier}.fmu"
     if not path.exists():
-        build_fmu(model, path)
+        build_fmu(model, path, starts)
     return path
 
 
-def build_fmu(model: Model, path: Path) -> Path:
-    """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``."""
+def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingProxyType({})) -> Path:
+    """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``.
+
+    ``starts`` replaces start values of parameters and inputs, by FMI name.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     cls = type(model)
     script = _SCRIPT.format(
@@ -55,6 +64,7 @@ def build_fmu(model: Model, path: Path) -> Path:
         module=cls.__module__,
         cls=cls.__qualname__,
         guid=model_guid(model),
+        starts=dict(sorted(starts.items())),
         sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
     )
     with tempfile.TemporaryDirectory(prefix="cdl_build_") as folder:

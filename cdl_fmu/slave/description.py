@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
 from uuid import UUID
@@ -47,16 +48,16 @@ def value_references(model: Model) -> list[tuple[str, int, Scalar]]:
 
 def model_guid(model: Model) -> str:
     """Identifies interface and version: the same declaration and package version give the same GUID, any other another one."""
-    digest = hashlib.sha256(tostring(_description(model, guid="")))
+    digest = hashlib.sha256(tostring(_description(model, guid="", starts={})))
     return f"{{{UUID(bytes=digest.digest()[:16])}}}"
 
 
-def model_description(model: Model) -> Element:
-    """Root element of modelDescription.xml."""
-    return _description(model, model_guid(model))
+def model_description(model: Model, starts: Mapping[str, float]) -> Element:
+    """Root element of modelDescription.xml; ``starts`` replaces start values of parameters and inputs, by FMI name."""
+    return _description(model, model_guid(model), starts)
 
 
-def _description(model: Model, guid: str) -> Element:
+def _description(model: Model, guid: str, starts: Mapping[str, float]) -> Element:
     root = Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -78,7 +79,7 @@ def _description(model: Model, guid: str) -> Element:
     SubElement(root, "DefaultExperiment", startTime="0", stepSize="0.001")
     listing = SubElement(root, "ModelVariables")
     for part, reference, scalar in variables:
-        _variable(listing, part, reference, scalar)
+        _variable(listing, part, reference, scalar, starts.get(scalar.name, scalar.start))
     structure = SubElement(root, "ModelStructure")
     indices = [str(i) for i, (part, _, _) in enumerate(variables, 1) if part == "y"]
     dependencies = {} if model.feedthrough else {"dependencies": ""}
@@ -112,16 +113,16 @@ def _type_name(scalar: Scalar) -> str:
     return f"Choice_{scalar.name}"
 
 
-def _variable(listing: Element, part: str, reference: int, scalar: Scalar) -> None:
+def _variable(listing: Element, part: str, reference: int, scalar: Scalar, start: float) -> None:
     field = scalar.field
     variable = SubElement(
         listing,
         "ScalarVariable",
         {"name": scalar.name, "valueReference": str(reference), "description": field.description, **_CAUSALITY[part]},
     )
-    start = {} if part == "y" else {"start": f"{scalar.start:.17g}"}
+    attributes = {} if part == "y" else {"start": f"{start:.17g}"}
     if isinstance(field, Choice):
-        SubElement(variable, "Enumeration", start, declaredType=_type_name(scalar))
+        SubElement(variable, "Enumeration", attributes, declaredType=_type_name(scalar))
         return
     bounds = {key: f"{bound:.17g}" for key, bound in (("min", field.min), ("max", field.max)) if abs(bound) != float("inf")}
-    SubElement(variable, "Real", {"unit": field.unit, **bounds, **start})
+    SubElement(variable, "Real", {"unit": field.unit, **bounds, **attributes})

@@ -108,21 +108,26 @@ class Instance:
             self.set_parameter(key, value)
 
     def set_parameter(self, name: str, value) -> None:
-        """Set a parameter by name; a Choice by its option's name."""
-        field = self.model.parameters.fields.get(name)
-        if field is None:
-            raise ModelError(f"{self.name} has no parameter {name!r}; it has {', '.join(self.model.parameters.fields)}")
-        if isinstance(field, Choice):
-            if value not in field.options:
-                raise ModelError(f"{name} = {value!r}: choose one of {', '.join(field.options)}")
-            value = field.value(value)
-        elif isinstance(value, (str, bool)) or value is None:
-            raise ModelError(f"{name} = {value!r}: a number in {field.unit} is needed ({field.description})")
-        self.p[name] = value
+        """Set a parameter by its FMI name, or a whole array by the array's; a Choice by its option's name.
+
+        Raises ModelError for an unknown name or a value of another type; bounds are checked when the instance is initialised.
+        """
+        array = [s for s in self.model.scalars["p"] if s.name == name or s.name.startswith(f"{name}[")]
+        if not array:
+            names = ", ".join(s.name for s in self.model.scalars["p"])
+            raise ModelError(f"{self.name} has no parameter {name!r}; it has {names}")
+        for scalar, one in zip(array, np.broadcast_to(np.asarray(value, dtype=object), len(array))):
+            self.block[scalar.offset] = parse_value(scalar, one)
+
+    def set_starts(self, starts: dict[str, float]) -> None:
+        """Set parameters and inputs to start values given by FMI name, as they are stored."""
+        offsets = {s.name: self.slices[part].start + s.offset for part in ("p", "u") for s in self.model.scalars[part]}
+        for name, value in starts.items():
+            self.block[offsets[name]] = value
 
     def initialise(self, t: float = 0.0) -> None:
         """Check the parameters and set state and outputs at time t [s]."""
-        self._check("p", "parameter", t)
+        self._check("p", "parameter")
         self.model.check(self.p)
         if self._functions is None:
             self._functions = self.model.bind(self)
@@ -130,7 +135,7 @@ class Instance:
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
-        self._check("u", "input", t)
+        self._check("u", "input", f" at t = {t:.6g} s")
         status = self._functions[1](t, h)
         if status:
             self._report(status, t)
@@ -153,12 +158,12 @@ class Instance:
         """The saved state that ``to_bytes`` wrote."""
         return np.frombuffer(data)
 
-    def _check(self, part: str, kind: str, t: float) -> None:
+    def _check(self, part: str, kind: str, when: str = "") -> None:
         lower, upper = self._bounds[part]
         values = self.block[self.slices[part]] if part == "p" else self._u
         i = _first_outside(values, lower, upper)
         if i >= 0:
-            raise ModelError(f"{self.name}: {kind} {describe_violation(self.model.scalars[part][i], values[i])} at t = {t:.6g} s")
+            raise ModelError(f"{self.name}: {kind} {describe_violation(self.model.scalars[part][i], values[i])}{when}")
 
     def _report(self, status: int, t: float) -> None:
         event = self.model.events[status % STATUS_SPAN]
@@ -168,6 +173,19 @@ class Instance:
         if status not in self._warned:
             self._warned.add(status)
             self.warnings.append(text)
+
+
+def parse_value(scalar: Scalar, value) -> float:
+    """The float64 that stands for a value given by a person: a number, or an option's name. Raises ModelError for another type."""
+    field = scalar.field
+    if isinstance(field, Choice):
+        if value not in field.options:
+            raise ModelError(f"{scalar.name} = {value!r}: choose one of {', '.join(field.options)} ({field.description})")
+        return field.value(value)
+    if isinstance(value, (bool, str)) or not isinstance(value, (int, float, np.number)):
+        unit = "" if field.unit == "1" else f" in {field.unit}"
+        raise ModelError(f"{scalar.name} = {value!r}: a number{unit} is needed ({field.description})")
+    return float(value)
 
 
 def describe_violation(scalar: Scalar, value: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element
 
+import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
@@ -20,6 +21,7 @@ class RecordSlave(Fmi2Slave):
 
     built_version: str
     built_guid: str
+    starts: dict[str, float]
 
     @staticmethod
     def make_model() -> Model:
@@ -37,25 +39,29 @@ class RecordSlave(Fmi2Slave):
                 f"build it again with 'cdl build', or install {DISTRIBUTION} {self.built_version}"
             )
         self.instance = Instance(model, self.instance_name)
+        self.instance.set_starts(self.starts)
         self._block = self.instance.block
         self._n_parameters = self.instance.slices["p"].stop
-        self._runs: dict[tuple[int, int], list[int]] = {}
+        self._indices: dict[tuple[int, int], tuple] = {}
         self._start_time = 0.0
         self._initialised = False  # False again after each set, until initialisation mode ends
         self._stepping = False
         self._failure = ""
 
     def to_xml(self, model_options=None) -> Element:
-        return model_description(self.instance.model)
+        return model_description(self.instance.model, self.starts)
 
     # -- values: lists in, lists out; a run of consecutive references is one slice of the block
 
     def _where(self, vrs: list[int]):
-        first, n = vrs[0], len(vrs)
-        run = self._runs.get((first, n))
-        if run is None:
-            run = self._runs[first, n] = list(range(first, first + n))
-        return slice(first, first + n) if vrs == run else vrs
+        """Index of the references in the block: a slice if they are consecutive, else an array; masters repeat their lists."""
+        key = vrs[0], len(vrs)
+        known, where = self._indices.get(key, (None, None))
+        if vrs != known:
+            consecutive = list(range(vrs[0], vrs[0] + len(vrs)))
+            where = slice(vrs[0], vrs[0] + len(vrs)) if vrs == consecutive else np.array(vrs)
+            self._indices[key] = vrs, where
+        return where
 
     def get_real(self, vrs: list[int]) -> list[float]:
         if not vrs:
