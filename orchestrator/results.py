@@ -49,10 +49,14 @@ class ResultWriter:
         channels: What the columns of a row are.
         attributes: What a reader must know of the run: the experiment's text, versions, FMU hashes, scheme, step, wheels.
             Anything but text and numbers is stored as JSON.
+
+    Raises:
+        ResultError: another process is writing this file.
     """
 
     def __init__(self, path: str | Path, channels: Sequence[Channel], attributes: Mapping[str, object]):
         # netCDF needs the order of creation. h5netcdf does not flush what lies below it, so both files are held.
+        _refuse_while_written(path)
         self._hdf5 = h5py.File(path, "w", track_order=True)
         self._file = h5netcdf.File(self._hdf5, "w")
         self._times = np.empty(BLOCK)
@@ -124,6 +128,16 @@ class ResultWriter:
             self.close(f"failed: {error}")
 
 
+def _refuse_while_written(path: str | Path) -> None:
+    """HDF5 truncates a file before it asks for the lock, which would destroy what another run is writing."""
+    try:
+        h5py.File(path, "r+").close()
+    except BlockingIOError:
+        raise ResultError(f"result file {path} is being written by another run; wait for its end or choose another folder") from None
+    except OSError:
+        pass  # there is none, or nothing worth keeping
+
+
 def open_result(path: str | Path) -> xr.Dataset:
     """Read a result file, or the one in a run's folder, into memory; the file is closed again.
 
@@ -144,7 +158,7 @@ def open_result(path: str | Path) -> xr.Dataset:
     except BlockingIOError:
         raise ResultError(f"result file {path} is still being written by a run; read it when the run has ended") from None
     except OSError as error:
-        raise ResultError(f"{path} is no netCDF-4 file: {error}") from error
+        raise ResultError(f"{path} cannot be read as netCDF-4: {error}") from error
     if "series" not in result:
         raise ResultError(f"{path} is no result of `cdl run`: it has no variable 'series'; it has {sorted(map(str, result.variables))}")
     return result

@@ -15,7 +15,7 @@ class Difference:
     Attributes:
         signal: Channel that differs; ``time`` where the time grids do.
         time: When [s]; None where a channel as a whole is missing or has another unit.
-        text: Signal, time, both values with unit and what was allowed.
+        text: Signal, time, both values with unit, the relative difference and what was allowed.
     """
 
     signal: str
@@ -70,21 +70,20 @@ def _first_value(result: xr.Dataset, baseline: xr.Dataset, n: int, rtol: float, 
         return None
     row, column = np.unravel_index(differs.argmax(), differs.shape)
     name, unit = str(baseline.channel.values[column]), str(baseline.unit.values[column])
-    time, a, b = float(baseline.time[row]), ours[row, column], theirs[row, column]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.abs(a - b) / scale[column]
-    return Difference(
-        name,
-        time,
-        f"{name} at t = {time:.9g} s: {a:.17g} {unit} in the result, {b:.17g} {unit} in the baseline; the difference is {relative:.3g} "
-        f"of the signal's largest magnitude {scale[column]:.6g} {unit} (rtol {rtol:.3g}, atol {atol:.3g} {unit})",
-    )
+    unit = "" if unit == "1" else f" {unit}"
+    time, a, b, largest = float(baseline.time[row]), ours[row, column], theirs[row, column], scale[column]
+    text = f"{name} at t = {time:.9g} s: {a:.17g}{unit} in the result, {b:.17g}{unit} in the baseline"
+    if largest == 0.0:
+        text += ", zero throughout"
+    elif np.isfinite(a - b):
+        text += f"; the relative difference is {abs(a - b) / largest:.3g} of the signal's largest magnitude, {largest:.6g}{unit}"
+    return Difference(name, time, f"{text} (allowed: rtol {rtol:.3g}, atol {atol:.3g}{unit})")
 
 
 def _first_time(a: np.ndarray, b: np.ndarray, n: int) -> Difference | None:
     if n == len(a) == len(b):
         return None
-    here, there = (f"the next time is {t[n]:.9g} s" if n < len(t) else f"it ends after {n} rows" for t in (a, b))
+    here, there = (f"the next time is {t[n]:.9g} s" if n < len(t) else "it ends there" for t in (a, b))
     after = f"after t = {a[n - 1]:.9g} s" if n else "from the start"
     time = min(t[n] for t in (a, b) if n < len(t))
     return Difference("time", float(time), f"time: the grids differ {after}: in the result {here}, in the baseline {there}")
