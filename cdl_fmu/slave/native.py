@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -22,11 +21,14 @@ from pathlib import Path
 
 from .model import KernelModel
 
-#: Functions that the object may leave undefined: C's libm, and what LLVM makes of loops that copy or zero.
+#: Functions of libm that the object may leave undefined; LLVM joins a sin and a cos of one angle to glibc's sincos.
 LIBM = frozenset(
-    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs floor fma fmax fmin fmod frexp "
-    "hypot ldexp lgamma log log10 log1p log2 modf nearbyint nextafter pow rint round sin sinh sqrt tan tanh tgamma trunc".split()
+    """
+    acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs floor fma fmax fmin fmod frexp hypot
+    ldexp lgamma log log10 log1p log2 modf nearbyint nextafter pow rint round sin sincos sinh sqrt tan tanh tgamma trunc
+    """.split()  # noqa: SIM905
 )
+#: Functions that LLVM makes of loops that copy, zero or compare.
 MEMORY = frozenset({"memcpy", "memmove", "memset", "memcmp"})
 
 # numba reads these when it is imported, hence the process of its own. Without them the code is vectorised for the build host.

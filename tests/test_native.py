@@ -1,0 +1,123 @@
+"""Every model's kernels stand as object code without Python, and compute the same bits there."""
+
+import ctypes
+import io
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from elftools.elf.elffile import ELFFile
+from linear_spring import LinearSpring
+
+from cdl_fmu.bcm import BCM
+from cdl_fmu.frames import axis_rotation
+from cdl_fmu.slave.kernel import kernel
+from cdl_fmu.slave.model import Instance, KernelModel
+from cdl_fmu.slave.native import LIBM, MEMORY, ExportError, object_code
+from cdl_fmu.slave.records import Real, Record
+
+MODELS = [BCM(n_wheels=1), BCM(n_wheels=2), LinearSpring(n_wheels=2)]
+
+
+@pytest.fixture(scope="module", params=MODELS, ids=lambda model: model.identifier)
+def exported(request):
+    return request.param, object_code(request.param)
+
+
+def symbols(code: bytes) -> tuple[set[str], set[str]]:
+    """Names of the global symbols of an ELF object: defined, undefined."""
+    table = ELFFile(io.BytesIO(code)).get_section_by_name(".symtab")
+    names = [(s.name, s["st_shndx"] == "SHN_UNDEF") for s in table.iter_symbols() if s["st_info"]["bind"] != "STB_LOCAL"]
+    return {name for name, undefined in names if not undefined}, {name for name, undefined in names if undefined}
+
+
+def test_object_needs_only_libm_and_memory_functions(exported):
+    model, code = exported
+    defined, undefined = symbols(code)
+    assert defined == {f"{model.identifier}_initialise", f"{model.identifier}_step"}
+    assert undefined <= LIBM | MEMORY
+
+
+def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_path):
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no gcc on this machine to link the object with")
+    model, code = exported
+    (tmp_path / "kernels.o").write_bytes(code)
+    subprocess.run([compiler, "-shared", "-o", tmp_path / "kernels.so", tmp_path / "kernels.o", "-lm"], check=True)
+    library = ctypes.CDLL(tmp_path / "kernels.so")
+
+    python = Instance(model)
+    block = python.block.copy()
+    status, exc, pointer = ctypes.c_int32(), ctypes.c_void_p(), block.ctypes.data_as(ctypes.c_void_p)
+
+    def native(name, *times):
+        arguments = [ctypes.c_double(t) for t in times]
+        assert library[f"{model.identifier}_{name}"](ctypes.byref(status), ctypes.byref(exc), *arguments, pointer) == 0
+        assert status.value == 0
+
+    python.initialise()
+    native("initialise", 0.0)
+    rng, h = np.random.default_rng(1), 1e-3
+    outputs = []
+    for k in range(500):
+        python.block[python.slices["u"]] = block[python.slices["u"]] = some_inputs(model, rng)
+        python.step(k * h, h)
+        native("step", k * h, h)
+        assert block.tobytes() == python.block.tobytes()
+        outputs.append(block[python.slices["y"]].copy())
+    assert np.ptp(outputs, axis=0).any()
+
+
+def some_inputs(model, rng) -> np.ndarray:
+    """Values near the start values; wheels a little in the ground, turned, rolling and sliding."""
+    starts = model.inputs.starts()
+    block = starts + rng.uniform(-0.5, 0.5, starts.size)
+    u = block.view(model.inputs.dtype)[0]
+    for wheel in u["wheel"] if "wheel" in u.dtype.names else ():
+        wheel["r_0"][2] = rng.uniform(0.09, 0.12)
+        wheel["T"] = axis_rotation(2, rng.uniform(-3, 3)) @ axis_rotation(1, rng.uniform(-0.2, 0.2)) @ axis_rotation(3, rng.uniform(-3, 3))
+    scalars = model.inputs.scalars()
+    return block.clip([s.field.min for s in scalars], [s.field.max for s in scalars])
+
+
+def test_object_has_the_same_bytes_again():
+    model = LinearSpring(n_wheels=1)
+    assert object_code(model) == object_code(model)
+
+
+def test_object_for_windows():
+    machine = object_code(LinearSpring(n_wheels=1), triple="x86_64-pc-windows-gnu")[:2]
+    assert int.from_bytes(machine, "little") == 0x8664  # COFF: IMAGE_FILE_MACHINE_AMD64
+
+
+class Allocates(KernelModel):
+    """Breaks a kernel rule."""
+
+    identifier = "allocates"
+    parameters = inputs = state = Record(a=Real(0.0, "1", "Anything"))
+    outputs = Record(b=Real(0.0, "1", "Anything"))
+
+    @staticmethod
+    @kernel
+    def initialise_kernel(t, p, x, y):
+        y.b = 0.0
+
+    @staticmethod
+    @kernel
+    def step_kernel(t, h, p, u, x, y):
+        y.b = np.zeros(int(u.a)).sum()
+        return 0
+
+
+def test_kernel_that_allocates_is_refused_with_the_rule():
+    with pytest.raises(ExportError, match=r"allocates: the kernels call NRT_.*: use loops and scalars .*CONTRIBUTING.md"):
+        object_code(Allocates())
+
+
+def test_class_that_cannot_be_imported_is_refused():
+    model = Allocates()
+    model.__class__ = type("Scripted", (Allocates,), {"__module__": "__main__"})
+    with pytest.raises(ExportError, match="Scripted is defined in a script: move it to a module that can be imported"):
+        object_code(model)
