@@ -1,0 +1,540 @@
+"""SSP packages: what is read, what is refused and how it is said, and that other tools run what is written."""
+
+import math
+import struct
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssd, read_ssv
+from ssp_fmus import (
+    binding,
+    build_slaves,
+    component,
+    connections,
+    connector_list,
+    describe,
+    mapping,
+    parameter_set,
+    real,
+    structure,
+    variable,
+    write_fmu,
+    write_ssp,
+)
+
+from orchestrator.ssp import Connection, SspError, archive, read_system, unpack, write_system, xml
+
+PLANT = describe(
+    real("u", "input"),
+    real("y", "output"),
+    real("k", "parameter", min=0, max=10),
+    real("angle", "output", unit="rad"),
+    real("t", "input", unit="degC"),
+    real("warm", "output", unit="K"),
+    real("n", "parameter", unit="N/m^1.5"),
+    variable("mode", "parameter", '<Enumeration declaredType="Mode" start="1"/>'),
+    variable("selected", "input", '<Enumeration declaredType="Mode" start="1"/>'),
+    variable("gear", "output", '<Enumeration declaredType="Gear"/>'),
+    variable("count", "parameter", '<Integer start="3"/>'),
+    variable("on", "parameter", '<Boolean start="true"/>'),
+    variable("file", "parameter", '<String start=""/>'),
+    *(real(f"v[{i}]", "input") for i in (1, 2, 3)),
+    *(real(f"w[{i}]", "output") for i in (1, 2, 3)),
+    *(real(f"pair[{i}]", "input") for i in (1, 2)),
+    *(real(f"wide[{i}]", "output") for i in (1, 2, 3)),
+)
+
+
+@pytest.fixture
+def plant(tmp_path):
+    return write_fmu(tmp_path / "plant.fmu", PLANT)
+
+
+@pytest.fixture
+def read(tmp_path, plant):
+    """Read a package of the given structure; every component is a plant unless other FMUs are given."""
+
+    def read(ssd, fmus=None, **more):
+        return read_system(write_ssp(tmp_path / "x.ssp", ssd, fmus or {"plant": plant}, **more), tmp_path / "cache")
+
+    return read
+
+
+def two(*pairs, a="y:output", b="u:input", values=""):
+    """Two plants a and b, connected."""
+    return structure(f"<ssd:Elements>{component('a', 'plant', a)}{component('b', 'plant', b, values)}</ssd:Elements>{connections(*pairs)}")
+
+
+def one(connectors="", bindings="", **attributes):
+    return structure(f"<ssd:Elements>{component('a', 'plant', connectors, bindings, **attributes)}</ssd:Elements>")
+
+
+def message(read, *args, **more):
+    with pytest.raises(SspError) as caught:
+        read(*args, **more)
+    return str(caught.value)
+
+
+# --- reading -----------------------------------------------------------------------------------------------------------------
+
+
+def test_connection_between_two_components(read):
+    system = read(two("a.y -> b.u"))
+    assert list(system.components) == ["a", "b"]
+    assert system.connections == [Connection("a", "y", "b", "u")]
+    assert (system.components["a"].directory / "modelDescription.xml").is_file()
+    assert system.components["a"].model_description.modelName == "test"
+
+
+def test_start_and_end_do_not_give_the_direction(read):
+    assert read(two("b.u -> a.y")).connections == [Connection("a", "y", "b", "u")]
+
+
+def test_default_experiment_and_step(read):
+    annotation = (
+        '<ssd:Annotations><ssc:Annotation type="com.opensimulationplatform"><osp:Algorithm xmlns:osp="o"><osp:FixedStepAlgorithm '
+        'baseStepSize="0.002"/></osp:Algorithm></ssc:Annotation></ssd:Annotations>'
+    )
+    body = f"<ssd:Elements>{component('a', 'plant')}</ssd:Elements>"
+    system = read(structure(body, f'<ssd:DefaultExperiment startTime="1" stopTime="4">{annotation}</ssd:DefaultExperiment>'))
+    assert (system.start_time, system.stop_time, system.step_size) == (1.0, 4.0, 0.002)
+    system = read(structure(body))
+    assert (system.start_time, system.stop_time, system.step_size) == (0.0, None, None)
+    assert "stopTime = 1 s is not after startTime = 2 s" in message(
+        read, structure(body, '<ssd:DefaultExperiment startTime="2" stopTime="1"/>')
+    )
+
+
+def test_units_are_converted_then_the_transformation_is_applied(read):
+    linear = '<ssc:LinearTransformation factor="2" offset="1"/>'
+    (c,) = read(two(f"a.warm -> b.t|{linear}", a="warm:output", b="t:input")).connections
+    # 300 K is 26.85 degC, then 2 x + 1.
+    assert c.factor * 300 + c.offset == pytest.approx(2 * 26.85 + 1)
+
+
+def test_unit_of_a_connector_stands_between_the_variables(read):
+    units = '<ssd:Units><ssc:Unit name="km"><ssc:BaseUnit m="1" factor="1000"/></ssc:Unit></ssd:Units>'
+    linear = '<ssc:LinearTransformation offset="1"/>'
+    elements = component("a", "plant", "y:output") + component("b", "plant", "u:input:km")
+    ssd = structure(f"<ssd:Elements>{elements}</ssd:Elements>{connections('a.y -> b.u|' + linear)}", units)
+    (c,) = read(ssd).connections
+    assert c.factor * 500 + c.offset == pytest.approx(1500)  # 500 m = 0.5 km, + 1 km, in metres
+
+
+def test_suppressed_unit_conversion(read):
+    ssd = two("a.angle -> b.u", a="angle:output").replace("<ssd:Connection ", '<ssd:Connection suppressUnitConversion="true" ')
+    assert read(ssd).connections == [Connection("a", "angle", "b", "u")]
+
+
+def nested(bindings="", outer_bindings="", link="a.y -> sub.in"):
+    inner = (
+        f'<ssd:System name="sub">{connector_list("in:input out:output gain:parameter")}{bindings}'
+        f"<ssd:Elements>{component('b', 'plant', 'u:input y:output k:parameter')}</ssd:Elements>"
+        + connections("in -> b.u", "b.y -> out", "gain -> b.k")
+        + "</ssd:System>"
+    )
+    return structure(
+        f"{outer_bindings}<ssd:Elements>{component('a', 'plant', 'y:output u:input')}{inner}</ssd:Elements>"
+        + connections(link, "sub.out -> a.u")
+    )
+
+
+def test_nested_systems_are_flattened(read):
+    system = read(nested())
+    assert set(system.components) == {"a", "sub.b"}
+    assert {(c.source_component, c.target_component) for c in system.connections} == {("a", "sub.b"), ("sub.b", "a")}
+
+
+def test_parameters_reach_a_nested_component(read):
+    inner = binding(parameter_set('gain=<ssv:Real value="2"/>', 'b.count=<ssv:Integer value="5"/>'))
+    assert read(nested(inner)).components["sub.b"].parameters == {"k": 2.0, "count": 5}
+    # The outer binding counts.
+    outer = binding(parameter_set('sub.gain=<ssv:Real value="3"/>', 'sub.b.count=<ssv:Integer value="6"/>'))
+    assert read(nested(inner, outer)).components["sub.b"].parameters == {"k": 3.0, "count": 6}
+
+
+VALUES = (
+    'k=<ssv:Real value="2.5"/>',
+    'mode=<ssv:Enumeration value="fast"/>',
+    'count=<ssv:Integer value="7"/>',
+    'on=<ssv:Boolean value="false"/>',
+    'file=<ssv:String value="a.stl"/>',
+)
+RESULT = {"k": 2.5, "mode": 2, "count": 7, "on": False, "file": "a.stl"}
+
+
+def test_parameters_inline_and_from_a_file(read):
+    assert read(one(bindings=binding(parameter_set(*VALUES)))).components["a"].parameters == RESULT
+    external = read(one(bindings=binding(source="resources/p.ssv")), **{"resources/p.ssv": parameter_set(*VALUES)})
+    assert external.components["a"].parameters == RESULT
+
+
+@pytest.mark.parametrize("external", [False, True])
+def test_mapping_with_units_and_transformation(read, external):
+    units = '<ssv:Units><ssc:Unit name="cm"><ssc:BaseUnit m="1" factor="0.01"/></ssc:Unit></ssv:Units>'
+    values = parameter_set('p.length=<ssv:Real value="50" unit="cm"/>', 'unused=<ssv:Real value="9"/>', units=units)
+    entries = mapping('<ssm:MappingEntry source="p.length" target="k"><ssc:LinearTransformation factor="4" offset="1"/></ssm:MappingEntry>')
+    mapped = '<ssd:ParameterMapping source="m.ssm"/>' if external else f"<ssd:ParameterMapping>{entries}</ssd:ParameterMapping>"
+    system = read(one(bindings=binding(values, mapped)), **({"m.ssm": entries} if external else {}))
+    assert system.components["a"].parameters == {"k": pytest.approx(3.0)}
+
+
+def test_parameter_set_inside_the_fmu(read, plant):
+    with ZipFile(plant, "a") as fmu:
+        fmu.writestr("resources/p.ssv", parameter_set('k=<ssv:Real value="2"/>'))
+    bound = binding(source="resources/p.ssv", sourceBase="component")
+    assert read(one(bindings=bound)).components["a"].parameters == {"k": 2.0}
+
+
+def test_prefix_of_a_binding(read):
+    body = binding(parameter_set('k=<ssv:Real value="2"/>'), prefix="a.") + f"<ssd:Elements>{component('a', 'plant')}</ssd:Elements>"
+    assert read(structure(body)).components["a"].parameters == {"k": 2.0}
+
+
+def test_an_input_may_have_a_value_instead_of_a_connection(read):
+    system = read(one("u:input", binding(parameter_set('u=<ssv:Real value="1.5"/>'))))
+    assert system.components["a"].parameters == {"u": 1.5}
+
+
+# --- refused: structure ------------------------------------------------------------------------------------------------------
+
+
+def test_missing_fmu(read):
+    text = message(read, one().replace("plant.fmu", "rover.fmu"))
+    assert "SystemStructure.ssd, line 3: source = 'resources/rover.fmu' is missing from the package; add the file" in text
+
+
+def test_missing_package(tmp_path):
+    with pytest.raises(SspError, match=r"nothing\.ssp: no such file"):
+        read_system(tmp_path / "nothing.ssp", tmp_path / "cache")
+
+
+def test_unconnected_input(read):
+    text = message(read, one("u:input"))
+    assert "input a.u is not connected and has no parameter value; connect it or set a value" in text
+    assert "input sub.b.u is not connected" in message(
+        read, nested(link="a.y -> sub.in").replace(connections("a.y -> sub.in", "sub.out -> a.u"), connections("sub.out -> a.u"))
+    )
+
+
+def array(name, kind, n):
+    return " ".join(f"{name}[{i + 1}]:{kind}" for i in range(n))
+
+
+def test_whole_arrays_are_connected(read):
+    pairs = [f"a.w[{i}] -> b.v[{i}]" for i in (1, 2, 3)]
+    assert len(read(two(*pairs, a=array("w", "output", 3), b=array("v", "input", 3))).connections) == 3
+
+
+def test_array_connected_in_part(read):
+    text = message(read, two("a.w[1] -> b.v[1]", a="w[1]:output", b="v[1]:input"))
+    assert "b.v has 3 elements, of which v[2], v[3] get no value (size mismatch); connect all elements or set values" in text
+
+
+def test_arrays_of_different_size(read):
+    pairs = [f"a.wide[{i}] -> b.pair[{i}]" for i in (1, 2)]
+    text = message(read, two(*pairs, a=array("wide", "output", 2), b=array("pair", "input", 2)))
+    assert "a.wide has 3 elements, b.pair has 2 (size mismatch); connect arrays of one size" in text
+
+
+def test_brackets_mean_nothing_in_a_flat_fmu(read, tmp_path):
+    flat = write_fmu(tmp_path / "flat.fmu", PLANT.replace('"structured"', '"flat"'))
+    assert read(two("a.w[1] -> b.v[1]", a="w[1]:output", b="v[1]:input"), {"plant": flat}).connections
+
+
+def test_array_as_one_connector(read):
+    assert "connector a.v: the FMU has no such variable; it is an array of 3, declare one connector an element" in message(
+        read, one("v:input")
+    )
+
+
+def test_unit_mismatch(read):
+    text = message(read, two("a.angle -> b.u", a="angle:output"))
+    assert "a.angle to b.u: unit 'rad' (rad) to unit 'm' (m) is not the same quantity; correct the unit" in text
+
+
+def test_unit_without_definition(read, tmp_path):
+    vague = write_fmu(tmp_path / "vague.fmu", PLANT.replace('<Unit name="rad"><BaseUnit rad="1"/>', '<Unit name="rad">'))
+    assert "'rad' has no base unit; define it" in message(read, two("a.angle -> b.u", a="angle:output"), {"plant": vague})
+    units = '<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit></ssd:Units>'
+    ssd = structure(f"<ssd:Elements>{component('a', 'plant', 'y:output:furlong')}</ssd:Elements>", units)
+    assert "unit 'furlong' is not defined in SystemStructure.ssd; add it to its Units" in message(read, ssd)
+
+
+def test_unknown_component_and_connector(read):
+    assert "startElement = 'c' is no element of the system; correct the name" in message(read, two("c.y -> b.u"))
+    assert "startConnector = 'yy' is no connector of a; did you mean 'y'?" in message(read, two("a.yy -> b.u"))
+    assert "connector b.uu: the FMU has no such variable; did you mean 'u'?" in message(read, two("a.y -> b.uu", b="uu:input"))
+
+
+def test_two_elements_of_one_name(read):
+    elements = component("a", "plant") * 2
+    assert "two elements are named 'a'; rename one" in message(read, structure(f"<ssd:Elements>{elements}</ssd:Elements>"))
+
+
+def test_ring_of_system_connectors(read):
+    ssd = nested().replace(connections("in -> b.u", "b.y -> out", "gain -> b.k"), connections("in -> out", "gain -> b.k"))
+    ssd = ssd.replace(connections("a.y -> sub.in", "sub.out -> a.u"), connections("sub.out -> sub.in", "sub.out -> a.u"))
+    assert "the connections of sub.out form a ring; remove one" in message(read, ssd)
+
+
+def test_causality_mismatch(read):
+    assert "connector a.u is output, in the FMU it is input; correct the kind" in message(read, one("u:output"))
+    assert "a.u and b.u both take a value; connect an output to an input" in message(read, two("a.u -> b.u", a="u:input"))
+    assert "a.y to b.k joins a signal and a parameter" in message(read, two("a.y -> b.k", b="k:parameter"))
+
+
+def test_two_sources(read):
+    text = message(read, two("a.y -> b.u", "a.w[1] -> b.u", a="y:output w[1]:output"))
+    assert "b.u has two sources, a.y (line 6) and a.w[1]; remove one" in text
+
+
+def test_wrong_type(read):
+    assert "a.y to b.selected: Real to Enumeration; connect variables of one type" in message(
+        read, two("a.y -> b.selected", b="selected:input")
+    )
+    assert "a.gear to b.selected: enumerations of different items (low to slow, fast)" in message(
+        read, two("a.gear -> b.selected", a="gear:output", b="selected:input")
+    )
+    ssd = one("y:output").replace('kind="output">', 'kind="output"><ssc:Integer/>')
+    assert "connector a.y is Integer, in the FMU it is Real; correct the type" in message(read, ssd)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ('kk=<ssv:Real value="1"/>', "parameter 'kk' does not exist in a; did you mean 'k'?"),
+        ('y=<ssv:Real value="1"/>', "a.y is no parameter but output; remove its value"),
+        ('k=<ssv:Real value="11"/>', "a.k = 11 m is outside [0, 10] m; use a value inside"),
+        ('k=<ssv:Real value="NaN"/>', "a.k = nan m is outside [0, 10] m; use a value inside"),
+        ('k=<ssv:Real value="one"/>', "a.k = 'one' is not a Real value; correct it"),
+        ('k=<ssv:Boolean value="true"/>', "a.k is Real, its value 'true' is Boolean; state a Real value"),
+        ('count=<ssv:Real value="3.5"/>', "a.count is Integer, its value '3.5' is Real; state a Integer value"),
+        ('mode=<ssv:Enumeration value="fsat"/>', "a.mode = 'fsat' is not one of slow, fast; correct it"),
+        ('mode=<ssv:Integer value="3"/>', "a.mode = 3 is no item; use one of slow, fast"),
+        ('k=<ssv:Binary value="00"/>', "element Binary in Parameter is not supported; leave binary variables to the FMU"),
+    ],
+)
+def test_parameter_that_does_not_fit(read, values, expected):
+    assert expected in message(read, one(bindings=binding(parameter_set(values))))
+
+
+def test_parameter_of_another_quantity(read):
+    units = '<ssv:Units><ssc:Unit name="rad"><ssc:BaseUnit rad="1"/></ssc:Unit></ssv:Units>'
+    text = message(read, one(bindings=binding(parameter_set('k=<ssv:Real value="1" unit="rad"/>', units=units))))
+    assert "parameter value 1 unit 'rad' (rad) to unit 'm' (m) is not the same quantity" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<ssd:SignalDictionaries/>", "line 3: element SignalDictionaries in System is not supported; connect the elements directly"),
+        (
+            connections("a.y -> b.u|<ssc:BooleanMappingTransformation/>"),
+            "element BooleanMappingTransformation in Connection is not supported",
+        ),
+        (
+            '<ssd:Elements><ssd:SignalDictionaryReference name="d" dictionary="d"/></ssd:Elements>',
+            "element SignalDictionaryReference in Elements",
+        ),
+    ],
+)
+def test_unsupported_elements(read, text, expected):
+    assert expected in message(read, structure(text))
+
+
+def test_unsupported_components(read, tmp_path):
+    assert "component 'a' of type 'application/x-ssp-package' is not supported" in message(read, one(type="application/x-ssp-package"))
+    assert "asks for model exchange" in message(read, one(implementation="ModelExchange"))
+    for description, expected in (
+        (describe(version="1.0"), "plant.fmu (a): FMI version 1.0 is not supported; export it as FMI 2.0"),
+        (describe(version="3.0"), "plant.fmu (a): FMI version 3.0 is not supported; export it as FMI 2.0"),
+        (describe(kind="ModelExchange"), "plant.fmu (a): model exchange is not supported"),
+        (describe(variable("x", "input", "<Complex/>")), "plant.fmu (a): invalid modelDescription.xml"),
+    ):
+        assert expected in message(read, one(), {"plant": write_fmu(tmp_path / "other.fmu", description)})
+    assert "system structure variant Variant.ssd is not supported" in message(read, one(), **{"Variant.ssd": one()})
+    assert "SSP version 2.0; only SSP 1.0 is supported" in message(read, structure("", version="2.0"))
+
+
+# --- refused: unsafe packages ------------------------------------------------------------------------------------------------
+
+
+def archive_of(tmp_path, *entries):
+    path = tmp_path / "evil.fmu"
+    with ZipFile(path, "w", ZIP_DEFLATED) as package:
+        for entry, content in entries:
+            package.writestr(entry, content)
+    return path
+
+
+def refused(tmp_path, path):
+    with pytest.raises(SspError) as caught:
+        unpack(path, tmp_path / "cache")
+    assert not list((tmp_path / "cache").glob("*")), "nothing is left behind"
+    assert not (tmp_path / "outside").exists()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["../outside", "a/../../outside", "/tmp/outside", "..\\outside", "C:/outside"])
+def test_path_out_of_the_archive(tmp_path, name):
+    assert f"evil.fmu: entry {name!r} points outside the package" in refused(tmp_path, archive_of(tmp_path, (name, "x")))
+
+
+def test_links(tmp_path):
+    link = ZipInfo("link")
+    link.create_system, link.external_attr = 3, 0o120777 << 16
+    assert "entry 'link' is a link or a special file" in refused(tmp_path, archive_of(tmp_path, (link, "/etc/passwd")))
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize("names", [("a", "a"), ("a", "A"), ("a", "./a"), ("a", "a/b")])
+def test_doubled_names(tmp_path, names):
+    assert "occurs twice" in refused(tmp_path, archive_of(tmp_path, *((name, "x") for name in names)))
+
+
+def test_zip_bombs(tmp_path, monkeypatch):
+    zeros = bytes(20 * 2**20)
+    assert "20971520, more than 200 times as many (a ZIP bomb)" in refused(tmp_path, archive_of(tmp_path, ("zeros", zeros)))
+    monkeypatch.setattr(archive, "MAX_BYTES", 1000)
+    assert "unpacks to 1001 bytes, more than 1000" in refused(tmp_path, archive_of(tmp_path, ("data", bytes(1001))))
+    monkeypatch.setattr(archive, "MAX_ENTRIES", 2)
+    assert "3 entries, more than 2" in refused(tmp_path, archive_of(tmp_path, *((str(i), "") for i in range(3))))
+
+
+def test_declared_size_is_a_lie(tmp_path):
+    path = archive_of(tmp_path, ("data", bytes(5000)))
+    content = path.read_bytes()
+    path.write_bytes(content.replace(struct.pack("<L", 5000), struct.pack("<L", 10)))
+    assert "no readable ZIP archive" in refused(tmp_path, path)
+
+
+def test_no_archive_and_damaged_archive(tmp_path):
+    path = tmp_path / "text.fmu"
+    path.write_text("hello")
+    assert "text.fmu: no readable ZIP archive" in refused(tmp_path, path)
+
+
+BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+
+
+def test_xml_entities(read, tmp_path):
+    text = message(read, BOMB + one())
+    assert "SystemStructure.ssd, line 1: a document type declaration (DTD, entities) is not allowed; remove it" in text
+    bomb = write_fmu(tmp_path / "bomb.fmu", describe(prolog=BOMB))
+    assert "modelDescription.xml, line 1: a document type declaration" in message(read, one(), {"plant": bomb})
+    external = '<!DOCTYPE x SYSTEM "file:///etc/passwd">' + parameter_set()
+    assert "p.ssv, line 1: a document type declaration" in message(read, one(bindings=binding(source="p.ssv")), **{"p.ssv": external})
+
+
+def test_xml_too_deep_too_large_or_malformed(read, monkeypatch):
+    assert "elements nested deeper than 64" in message(read, structure("<a>" * 100 + "</a>" * 100))
+    assert "SystemStructure.ssd: malformed XML" in message(read, "<ssd:System>")
+    monkeypatch.setattr(xml, "MAX_BYTES", 100)
+    assert "bytes of XML, more than 100" in message(read, one())
+
+
+@pytest.mark.parametrize(
+    "source", ["../plant.fmu", "file:///etc/passwd", "http://x/plant.fmu", "/etc/passwd", "%2e%2e/plant.fmu", "#other"]
+)
+def test_source_outside_the_package(read, source):
+    assert f"source = '{source}' is no file of the package" in message(read, one().replace("resources/plant.fmu", source))
+
+
+def test_unpacked_once(tmp_path, plant):
+    folder = unpack(plant, tmp_path / "cache")
+    (folder / "mark").touch()
+    copy = tmp_path / "copy.fmu"
+    copy.write_bytes(plant.read_bytes())
+    assert unpack(copy, tmp_path / "cache") == folder
+    assert (folder / "mark").exists()
+
+
+# --- writing -----------------------------------------------------------------------------------------------------------------
+
+
+def test_written_package_reads_back(tmp_path, plant):
+    arguments = dict(
+        name="demo",
+        components={"a": plant, "b": plant},
+        connections=[Connection("a", "warm", "b", "t", 1.0, -273.15), Connection("b", "y", "a", "u")],
+        parameters={"a": {"mode": 2, "k": 0.1, "on": False, "n": 3.0}, "b": {"count": 4, "file": "x.stl", "k": 1e-3}},
+        start_time=1.0,
+        stop_time=3.0,
+        step_size=1e-3,
+        observed=[("b", "angle")],
+    )
+    first, second = tmp_path / "first.ssp", tmp_path / "second.ssp"
+    write_system(first, **arguments)
+    system = read_system(first, tmp_path / "cache")
+    assert system.name == "demo"
+    assert {name: c.parameters for name, c in system.components.items()} == arguments["parameters"]
+    assert set(system.connections) == set(arguments["connections"])
+    assert (system.start_time, system.stop_time, system.step_size) == (1.0, 3.0, 1e-3)
+    with ZipFile(first) as package:
+        assert package.namelist() == ["SystemStructure.ssd", "resources/a.ssv", "resources/b.ssv", "resources/plant.fmu"]
+
+    parameters = {name: c.parameters for name, c in system.components.items()}
+    fmus = {name: c.fmu_path for name, c in system.components.items()}
+    again = {"components": fmus, "connections": system.connections, "parameters": parameters}
+    write_system(second, **(arguments | again))
+    assert first.read_bytes() == second.read_bytes()
+    assert read_system(second, tmp_path / "cache").connections == system.connections
+
+
+def test_written_package_follows_the_schemas(tmp_path, plant):
+    path = tmp_path / "demo.ssp"
+    write_system(
+        path, "demo", {"a": plant, "b": plant}, [Connection("a", "y", "b", "u")], parameters={"a": {"k": 2.0}}, stop_time=1, step_size=0.1
+    )
+    description = read_ssd(str(path), validate=True)
+    assert [unit.name for unit in description.units] == ["m"]
+    (parameter,) = read_ssv(str(path), "resources/a.ssv", validate=True).parameters
+    assert (parameter.name, parameter.value, parameter.unit) == ("k", "2.0", "m")
+
+
+def test_writer_names_what_it_cannot_write(tmp_path, plant):
+    def write(components, *pairs, **more):
+        with pytest.raises(SspError) as caught:
+            write_system(tmp_path / "x.ssp", "x", components, pairs, stop_time=1, step_size=0.1, **more)
+        assert not (tmp_path / "x.ssp").exists()
+        return str(caught.value)
+
+    assert "c.y: no component 'c'; use one of a" in write({"a": plant}, Connection("c", "y", "a", "u"))
+    assert "a.z: the FMU plant.fmu has no such variable" in write({"a": plant}, parameters={"a": {"z": 1.0}})
+    assert "libcosim cannot connect an Enumeration" in write({"a": plant}, observed=[("a", "gear")])
+    twin = write_fmu(tmp_path / "twin.fmu", PLANT.replace('max="10"', 'max="20"'))
+    assert "another FMU has its GUID g (plant.fmu); build it with a GUID of its own" in write({"a": plant, "b": twin})
+    other = write_fmu(
+        tmp_path / "other.fmu",
+        PLANT.replace('guid="g"', 'guid="h"').replace('factor="0.001"', "").replace('<BaseUnit m="1"/>', '<BaseUnit m="2"/>'),
+    )
+    assert "b.u: unit 'm' is defined otherwise in another FMU" in write({"a": plant, "b": other}, Connection("a", "y", "b", "u"))
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory):
+    """x' = -2 x from x = 1, over two FMUs; the factor is a parameter where the tool takes it, else the gain's start value -1."""
+    folder = tmp_path_factory.mktemp("loop")
+    pairs = [Connection("gain", "port.y[1]", "integrator", "port.u[1]"), Connection("integrator", "port.y[1]", "gain", "port.u[1]")]
+    path = folder / "loop.ssp"
+    write_system(path, "loop", build_slaves(folder), pairs, parameters={"gain": {"k": -2.0}}, stop_time=1.0, step_size=1e-3)
+    return path
+
+
+def test_package_runs_in_fmpy(loop):
+    result = simulate_ssp(str(loop), stop_time=1.0, step_size=1e-3)
+    assert result["integrator.port.y[1]"][-1] == pytest.approx(math.exp(-1.0), rel=5e-3)
+
+
+def test_package_runs_in_libcosim(loop, capfd):
+    execution_module = pytest.importorskip("libcosimpy.CosimExecution")
+    observer_module = pytest.importorskip("libcosimpy.CosimObserver")
+    execution = execution_module.CosimExecution.from_ssp_file(str(loop))
+    observer = observer_module.CosimObserver.create_last_value()
+    assert execution.add_observer(observer)
+    assert execution.simulate_until(target_time=int(1e9))
+    index = next(info.index for info in execution.slave_infos() if info.name == b"integrator")
+    assert execution.status().current_time == pytest.approx(1e9)
+    assert observer.last_real_values(index, [1])[0] == pytest.approx(math.exp(-2.0), rel=5e-3)
