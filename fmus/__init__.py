@@ -1,0 +1,16 @@
+"""What is shipped: the contact tiers, the FMUs that ``cdl build`` makes, and the experiments (TOML files beside this one)."""
+
+from pathlib import Path
+
+from cdl_fmu.bcm import BCM
+from mbs.driver import Driver
+from mbs.rover import Rover
+
+#: Name of a tier in experiments -> its model.
+TIERS = {"BCM": BCM}
+
+#: Every FMU that is shipped, one for each set of sizes.
+SHIPPED = [BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), Rover(2), Driver(2)]
+
+#: Name of a shipped experiment -> its file.
+EXPERIMENTS = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"))}

@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from .master import Master
-from .results import Channel, ResultWriter, open_result
+from .results import FILE_NAME, Channel, ResultWriter, open_result
 from .ssp import System
-
-RESULT = "result.nc"
 
 
 class RunError(Exception):
@@ -87,7 +85,7 @@ def run(
     facts = {"scheme": scheme, "step_s": step, "fmu_hashes": _hashes(system), **(attributes or {})}
     status, k, began = "complete", 0, time.perf_counter()
     try:
-        with ResultWriter(out / RESULT, channels, facts) as result, _interrupts() as interrupted:
+        with ResultWriter(out / FILE_NAME, channels, facts) as result, _interrupts() as interrupted:
             if saved is None:
                 result.append(start, master.outputs[columns])
             else:
@@ -116,7 +114,7 @@ def run(
     finally:
         master.close()
     wall = time.perf_counter() - began
-    return Outcome(out / RESULT, start + k * step, wall, status, scheme, step, warnings)
+    return Outcome(out / FILE_NAME, start + k * step, wall, status, scheme, step, warnings)
 
 
 def _whole(duration: float, step: float, what: str) -> int:
@@ -183,7 +181,7 @@ def _read_checkpoint(path: Path, identity: str) -> dict[str, np.ndarray]:
 
 def _earlier_rows(resume: Path):
     """Rows up to the checkpoint, from the result file beside it; read now, as the new result may replace that file."""
-    path = resume.parent / RESULT
+    path = resume.parent / FILE_NAME
     if not path.exists():
         raise RunError(f"{path} is missing: a checkpoint is resumed together with the result file beside it")
     earlier = open_result(path)

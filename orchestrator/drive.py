@@ -1,0 +1,95 @@
+"""From an experiment or an SSP package to a folder with its results: what ``cdl run`` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import platformdirs
+
+from .report import plot
+from .results import ResultError, open_result
+from .run import Outcome, RunError, run
+from .ssp import read_system
+from .wheels import ground_of, wheels_of
+
+_UNPACKED = platformdirs.user_cache_path("cdl-fmu") / "unpacked"
+_TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
+
+
+def simulate(
+    source: str | Path,
+    out: str | Path | None = None,
+    *,
+    tiers: Sequence[str] | None = None,
+    overrides: Mapping[str, object] | None = None,
+    scheme: str | None = None,
+    step: float | None = None,
+    stop_time: float | None = None,
+    checkpoint_every: float | None = None,
+    resume: str | Path | None = None,
+    progress: Callable[[float, float], None] = lambda t, stop: None,
+    status: Callable[[str], None] = lambda text: None,
+) -> Outcome:
+    """Run an experiment and leave ``system.ssp``, ``result.nc`` and ``result.png`` in a folder.
+
+    Args:
+        source: Name of a shipped experiment, path of an experiment's .toml, or of an .ssp package.
+        out: Folder; ``results/<name>`` by default.
+        tiers: Tier of each wheel, front first; experiments only.
+        overrides: ``{"soil.phi": 0.6}``; experiments only.
+        scheme: Coupling scheme; the experiment's own or ``ij`` by default.
+        step: Communication step [s]; the source's own by default.
+        stop_time: End [s]; the source's own by default.
+        checkpoint_every: Simulated time between checkpoints [s].
+        resume: Checkpoint to go on from.
+        progress: Called now and then with the time reached and the stop time [s].
+        status: Called with what is being done before the run.
+
+    Raises:
+        ExperimentError, SspError, RunError, SlaveError: see there; each names what is wrong and the remedy.
+    """
+    source = Path(source)
+    out = Path("results", source.stem) if out is None else Path(out)
+    record_interval = None
+    attributes: dict[str, object] = {"versions": {name: version(name) for name in _TOOLS}}
+    if source.suffix == ".ssp":
+        if tiers or overrides:
+            raise RunError(f"--tiers and --set change an experiment; {source.name} is a finished system: export it anew with them")
+        package = source
+    else:
+        status("loading models")
+        from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
+
+        experiment = load_experiment(source, tiers=tiers, overrides=overrides)
+        settings = experiment.settings
+        scheme, step = scheme or settings.scheme, step or settings.step
+        record_interval = max(settings.record_interval, step)
+        attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
+        status("settling the rover and building the FMUs")
+        out.mkdir(parents=True, exist_ok=True)
+        package = out / "system.ssp"
+        experiment.write_system(package)
+        if stop_time is None:
+            stop_time = settings.stop_time
+    status("loading the FMUs")
+    system = read_system(package, _UNPACKED)
+    attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system)}
+    outcome = run(
+        system,
+        out,
+        scheme=scheme or "ij",
+        step=step or system.step_size or 1e-3,
+        stop_time=stop_time,
+        record_interval=record_interval,
+        attributes=attributes,
+        progress=progress,
+        checkpoint_every=checkpoint_every,
+        resume=None if resume is None else Path(resume),
+    )
+    try:
+        plot(open_result(outcome.result)).savefig(out / "result.png")
+    except ResultError as error:  # a foreign system has no wheels to draw
+        outcome.warnings.append(f"no picture: {error}")
+    return outcome

@@ -1,0 +1,283 @@
+"""Experiments: TOML files that people write, checked against the models' records and turned into a system of FMUs."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cdl_fmu.slave.build import cached_fmu
+from cdl_fmu.slave.interface import ENVIRONMENT
+from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
+from cdl_fmu.slave.records import Choice, Real, Record, Scalar
+from cdl_fmu.soil import SOIL, SoilError, load_soil
+from cdl_fmu.wheel import WHEEL
+from fmus import EXPERIMENTS, TIERS
+from mbs.driver import Driver
+from mbs.rover import Rover
+
+from .schemes import SCHEMES
+from .settle import settle
+from .ssp import Connection, write_system
+
+#: Wheels of the rover, in the order of its ports.
+WHEELS = ("front", "rear")
+
+#: The [run] section.
+RUN = Record(
+    stop_time=Real(10.0, "s", "End of the run", min=0.0),
+    step=Real(1e-3, "s", "Communication step", min=1e-6, max=1.0),
+    record_interval=Real(1e-3, "s", "Time between two rows of the result; the step, if that is longer", min=1e-6),
+    scheme=Choice("Coupling scheme", **{name: (kind.__doc__ or "").split("\n")[0] for name, kind in SCHEMES.items()}),
+)
+
+
+class ExperimentError(ValueError):
+    """An experiment cannot be run as written; the message names file, line, key, value, unit and remedy."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The [run] section: times in s, the scheme by name."""
+
+    stop_time: float
+    step: float
+    record_interval: float
+    scheme: str
+
+
+def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, overrides: Mapping[str, object] | None = None) -> Experiment:
+    """Read an experiment: the name of a shipped one or the path of a TOML file.
+
+    Args:
+        source: Name or path.
+        tiers: Tier of each wheel, front first, in place of the file's.
+        overrides: ``{"soil.phi": 0.6}``; values in place of the file's.
+
+    Raises:
+        ExperimentError: the file or a value is wrong.
+    """
+    path = EXPERIMENTS.get(str(source), Path(source))
+    if not path.is_file():
+        raise ExperimentError(f"no experiment {str(source)!r}: use one of {', '.join(EXPERIMENTS)} or the path of a .toml file")
+    text = path.read_text(encoding="utf-8")
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ExperimentError(f"{path.name}: {error}") from None
+    if tiers is not None:
+        if len(tiers) != len(WHEELS):
+            raise ExperimentError(f"--tiers {','.join(tiers)}: give {len(WHEELS)} tiers, {','.join(WHEELS).upper()}")
+        tables["tiers"] = dict(zip(WHEELS, tiers))
+    for key, value in (overrides or {}).items():
+        *sections, last = key.split(".")
+        table = tables
+        for section in sections:
+            table = table.setdefault(section, {})
+        table[last] = value
+    return Experiment(path, text, tables, frozenset(overrides or ()))
+
+
+class Experiment:
+    """An experiment whose every value has been checked against the records of its models.
+
+    Attributes:
+        name, title, text: File name without ending, title, and the file as written.
+        settings: The [run] section.
+        tiers: Wheel -> tier.
+    """
+
+    def __init__(self, path: Path, text: str, tables: Mapping, overridden: frozenset[str]):
+        self.name, self.text = path.stem, text
+        self._file, self._overridden = path.name, overridden
+        self.title = tables.get("title", self.name)
+        self.tiers = self._tiers(tables)
+        self._rover, self._driver = Rover(), Driver()
+        self._models = {tier: TIERS[tier](sum(t == tier for t in self.tiers.values())) for tier in dict.fromkeys(self.tiers.values())}
+        shared = ENVIRONMENT | SOIL | WHEEL
+        records = {
+            "run": RUN,
+            "environment": ENVIRONMENT,
+            "soil": SOIL,
+            "wheel": WHEEL,
+            "rover": _without(self._rover.parameters, shared),
+            "driver": _without(self._driver.parameters, shared),
+            **{tier.lower(): _without(model.parameters, shared) for tier, model in self._models.items()},
+        }
+        self._refuse_unknown(tables, "", {"title", "tiers", *records, *(t.lower() for t in TIERS)})
+        tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
+        #: section -> FMI name -> value as it is stored
+        self._values = {section: self._section(section, record, tables.get(section, {})) for section, record in records.items()}
+        run = {s.name: self._values["run"].get(s.name, s.start) for s in RUN.scalars()}
+        scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
+        self.settings = Settings(scheme=scheme, **run)
+
+    def write_system(self, path: Path) -> None:
+        """Write the experiment as an SSP package: settled start poses, FMUs with their start values, connections, stop time."""
+        shared = {**self._values["environment"], **self._values["soil"], **self._values["wheel"]}
+        instances: dict[str, Instance] = {}
+
+        def instance(name: str, model: Model) -> Instance:
+            made = instances[name] = Instance(model, name)
+            own = {s.name for s in model.scalars["p"]}
+            made.set_starts({k: v for k, v in shared.items() if k in own} | self._values[name])
+            return made
+
+        rover, driver = instance("rover", self._rover), instance("driver", self._driver)
+        contacts, connections = [], _connect("rover", rover, "driver", driver) + _connect("driver", driver, "rover", rover)
+        for tier, model in self._models.items():
+            contact = instance(tier.lower(), model)
+            wheels = [i for i, name in enumerate(WHEELS) if self.tiers[name] == tier]
+            contacts.append((contact, wheels))
+            ports = {j + 1: i + 1 for i, j in enumerate(wheels)}
+            connections += _connect("rover", rover, contact.name, contact, ports)
+            connections += _connect(contact.name, contact, "rover", rover, {i: j for j, i in ports.items()})
+        try:
+            self._start(rover, contacts)
+            starts = {name: _changed_starts(i) for name, i in instances.items()}
+            write_system(
+                path,
+                self.name,
+                {name: cached_fmu(i.model, starts[name]) for name, i in instances.items()},
+                connections,
+                parameters={name: _parameters(i, starts[name]) for name, i in instances.items()},
+                stop_time=self.settings.stop_time,
+                step_size=self.settings.step,
+                observed=[(c.name, s.name) for c, _ in contacts for s in c.model.scalars["y"] if s.name.startswith("diagnostics[")],
+            )
+        except ModelError as error:
+            raise ExperimentError(f"{self._file}: {error}") from error
+
+    def _start(self, rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> None:
+        """Set the rover's start pose to rest on the ground, unless the user gives one, and the contacts' start poses to match."""
+        r_w = next(float(c.p.r_w) for c, _ in contacts)
+        ground = next(float(c.p.ground_z) for c, _ in contacts)
+        if {"start.z", "start.pitch"} & self._values["rover"].keys():
+            rover.initialise()
+            for name, z in zip(WHEELS, rover.y["wheel"]["r_0"][:, 2]):
+                where = f"rover.start.z puts the axle of wheel {name} {abs(z - ground):.4g} m"
+                remedy = f"use a start.z between {ground:g} and {ground + 2 * r_w:g} m, or leave it out to start from equilibrium"
+                if z < ground:
+                    raise ModelError(f"{where} below the surface: {remedy}")
+                if z > ground + 2 * r_w:
+                    raise ModelError(f"{where} above the surface, its rim more than the wheel's radius above it: {remedy}")
+        else:
+            rover.set_starts({"start.z": ground + r_w + float(contacts[0][0].p.h_g)})
+            rover.set_starts(settle(rover, contacts))
+            rover.initialise()
+        for contact, wheels in contacts:
+            for part in ("r_0", "T"):
+                contact.u["wheel"][part] = rover.y["wheel"][part][wheels]
+            contact.u["wheel"]["v_0"] = contact.u["wheel"]["w_0"] = 0.0
+
+    # -- checks
+
+    def _tiers(self, tables: Mapping) -> dict[str, str]:
+        given = tables.get("tiers", {})
+        self._refuse_unknown(given, "tiers", set(WHEELS))
+        for wheel in WHEELS:
+            if given.get(wheel) not in TIERS:
+                where = self._place("tiers", wheel if wheel in given else "")
+                raise ExperimentError(f"{where}: tier {given.get(wheel)!r} of wheel {wheel} is unknown; use one of {', '.join(TIERS)}")
+        return {wheel: given[wheel] for wheel in WHEELS}
+
+    def _soil(self, table: dict) -> dict:
+        chosen = table.pop("set", "mss_d")
+        try:
+            return {**load_soil(chosen), **table}
+        except SoilError as error:
+            raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None
+
+    def _section(self, section: str, record: Record, table: Mapping) -> dict[str, float]:
+        values = {}
+        scalars = record.scalars()
+        for key, value in _flat(table):
+            array = [s for s in scalars if s.name == key or s.name.startswith(f"{key}[")]
+            if not array:
+                self._refuse_unknown({key: value}, section, {s.name.split("[")[0] for s in scalars})
+            try:
+                for scalar, one in zip(array, np.broadcast_to(np.array(value, dtype=object), len(array))):
+                    values[scalar.name] = self._checked(section, scalar, one)
+            except ModelError as error:
+                raise ExperimentError(f"{self._place(section, key)}: {section}.{error}") from None
+            except ValueError:
+                raise ExperimentError(f"{self._place(section, key)}: {section}.{key} needs {len(array)} values, not {len(value)}") from None
+        return values
+
+    @staticmethod
+    def _checked(section: str, scalar: Scalar, value) -> float:
+        number = parse_value(scalar, value)
+        if not scalar.field.min <= number <= scalar.field.max or not np.isfinite(number):
+            raise ModelError(describe_violation(scalar, number))
+        return number
+
+    def _refuse_unknown(self, table: Mapping, section: str, known: Iterable[str]) -> None:
+        for key in table:
+            if key not in known:
+                near = difflib.get_close_matches(key, known, 1)
+                remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(sorted(known))}"
+                full = f"{section}.{key}" if section else key
+                raise ExperimentError(f"{self._place(section, key)}: {full} is unknown; {remedy}")
+
+    def _place(self, section: str, key: str) -> str:
+        """File and line of a key, or the command line's option that set it."""
+        if f"{section}.{key}" in self._overridden or key in self._overridden:
+            return f"--set {section + '.' if section else ''}{key}"
+        current = ""
+        for number, line in enumerate(self.text.splitlines(), 1):
+            if header := re.match(r"\s*\[([^\]]+)\]", line):
+                current = header[1]
+                if (current == section and not key) or (not section and current == key):
+                    return f"{self._file}, line {number}"
+            path = f"{section}.{key}" if section else key
+            if (assigned := re.match(r"\s*([\w.\"]+)\s*=", line)) and f"{current}.{assigned[1]}".lstrip(".") == path:
+                return f"{self._file}, line {number}"
+        return self._file
+
+
+def _flat(table: Mapping, prefix: str = ""):
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _without(record: Record, other: Record) -> Record:
+    return Record(**{name: field for name, field in record.fields.items() if name not in other.fields})
+
+
+def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[int, int] | None = None) -> list[Connection]:
+    """Connect outputs of a to the inputs of b that have the same name, ports renumbered where a port number's map is given."""
+    inputs = {s.name for s in b.model.scalars["u"]}
+    connections = []
+    for scalar in a.model.scalars["y"]:
+        name = scalar.name
+        if ports is not None and (port := re.match(r"(wheel|contact)\[(\d+)\]", name)):
+            if int(port[2]) not in ports:
+                continue
+            name = f"{port[1]}[{ports[int(port[2])]}]{name[port.end() :]}"
+        if name in inputs:
+            connections.append(Connection(source, scalar.name, target, name))
+    return connections
+
+
+def _changed_starts(instance: Instance) -> dict[str, float]:
+    """Start values of parameters and inputs that differ from the records'."""
+    block = instance.block
+    return {
+        s.name: float(block[instance.slices[part].start + s.offset])
+        for part in ("p", "u")
+        for s in instance.model.scalars[part]
+        if block[instance.slices[part].start + s.offset] != s.start
+    }
+
+
+def _parameters(instance: Instance, starts: Mapping[str, float]) -> dict[str, float | int]:
+    fields = {s.name: s.field for s in instance.model.scalars["p"]}
+    return {name: int(v) if isinstance(fields[name], Choice) else v for name, v in starts.items() if name in fields}

@@ -1,0 +1,83 @@
+"""Static equilibrium of a rover on its contacts: lower it quasi-statically before t = 0, so that a run starts at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdl_fmu.slave.model import Instance, ModelError
+
+_Z, _PITCH = 2, 4  # the coordinates of the rover's state q that gravity moves on level ground
+_LOWERING = 2e-4  # [m], [rad]: largest move of one iteration
+_SHARE = 0.7  # of a Newton step: the soil is approached from above and not pressed deeper than it will be at rest
+_TOLERANCE = 1e-9  # [m/s2], [rad/s2] of acceleration, as a share of gravity
+_ITERATIONS = 20_000
+_H = 1e-6  # [s] step over which the rover's accelerations are observed
+
+
+def settle(rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> dict[str, float]:
+    """Lower ``rover`` until it rests on ``contacts``.
+
+    Args:
+        rover: Instance with the interface of :class:`mbs.rover.Rover`, its start pose above the ground.
+        contacts: Contact instances, each with the rover's wheel (from 0) at each of its own wheels.
+
+    Returns:
+        Start values ``start.z`` [m] and ``start.pitch`` [rad] of the rover; ``rover.y`` and the contacts' outputs are those at rest.
+
+    Raises:
+        ModelError: it does not come to rest.
+    """
+    free = [_Z, _PITCH]
+    rover.initialise()
+    for contact, _ in contacts:
+        contact.initialise()
+    n = len(rover.u["wheel"])
+    q = np.array(rover.x["q"])
+    unloaded = _accelerations(rover, q, np.zeros((n, 3)))[free]
+    # What a vertical force on each wheel does to the free coordinates, and what these do to the wheels' heights.
+    response, heights = np.empty((2, n)), np.empty((n, 2))
+    for i in range(n):
+        unit = np.zeros((n, 3))
+        unit[i, 2] = 1.0
+        response[:, i] = _accelerations(rover, q, unit)[free] - unloaded
+    for column, k in enumerate(free):
+        moved = q.copy()
+        moved[k] += 1e-6
+        z = []
+        for at in (q, moved):
+            _accelerations(rover, at, np.zeros((n, 3)))
+            z.append(np.array(rover.y["wheel"]["r_0"][:, 2]))
+        heights[:, column] = (z[1] - z[0]) / 1e-6
+    gravity = max(float(rover.p.gravity), 1e-9)
+    force = np.zeros((n, 3))
+    for _ in range(_ITERATIONS):
+        acceleration = _accelerations(rover, q, force)[free]
+        stiffness = np.zeros(n)
+        for contact, wheels in contacts:
+            for i, j in enumerate(wheels):
+                for part in ("r_0", "T", "v_0", "w_0"):
+                    contact.u["wheel"][part][i] = rover.y["wheel"][part][j]
+                contact.u["wheel"]["v_0"][i] = contact.u["wheel"]["w_0"][i] = 0.0
+            contact.step(0.0, 1.0)  # 1 s: whatever the contact filters has settled
+            for i, j in enumerate(wheels):
+                force[j] = contact.y["wheel"]["f_0"][i]
+                stiffness[j] = contact.y["contact"]["K"][i, 2]
+        acceleration = _accelerations(rover, q, force)[free]
+        if np.abs(acceleration).max() <= _TOLERANCE * gravity:
+            return {"start.z": float(q[_Z]), "start.pitch": float(q[_PITCH])}
+        slope = response @ (stiffness[:, None] * heights)  # d(-acceleration)/dq
+        if np.linalg.matrix_rank(slope) == 2:
+            move = np.clip(_SHARE * np.linalg.solve(slope, acceleration), -_LOWERING, _LOWERING)
+        else:  # not every wheel has met the ground
+            move = np.array([-_LOWERING, 0.0]) if not stiffness.any() else np.clip(1e-3 * acceleration, -_LOWERING, _LOWERING)
+        q[free] += move
+    raise ModelError(f"{rover.name} does not come to rest on its contacts: check mass, soil and ground_z, or give rover.start.z")
+
+
+def _accelerations(rover: Instance, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Rates of q_dot of the rover at rest at q under forces [n_wheels, 3] on its wheels; its outputs then hold that pose."""
+    rover.x["q"][:] = q
+    rover.x["q_dot"][:] = 0.0
+    rover.u["wheel"]["f_0"][:] = force
+    rover.step(0.0, _H)
+    return np.array(rover.x["q_dot"]) / _H
