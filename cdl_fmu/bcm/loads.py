@@ -14,7 +14,8 @@ import numpy as np
 from ..slave.kernel import kernel
 from ..terramechanics import bekker, exit_share, janosi_velocity, mapped_shear_velocity, mohr_coulomb, rankine_wall, wong_reece_mirror
 
-_NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(8))
+#: Gauss-Legendre over theta and across the width: 1e-6 of the load with smooth shear, 1e-5 where the rim's slip changes its sign.
+_NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(10))
 _STRIPS, _STRIP_WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(3))
 _N = len(_NODES)
 
@@ -34,11 +35,11 @@ def entry_angle(p, d, cos_g, height):
 
 
 @kernel
-def shear_velocity_scale(p, speed, arc):
-    """V_j [m/s] for the contact arc [m] passed at ``speed`` [m/s]."""
+def shear_velocity_scale(p, omega, arc):
+    """V_j [m/s] at the angle ``arc`` [rad] behind the entry of a wheel that rolls with omega [rad/s]."""
     if p.V_j_mode == 1.0:
         return p.V_j
-    return max(mapped_shear_velocity(p.K, speed, arc), _LEAST_V_J)
+    return max(mapped_shear_velocity(p.K, omega, max(arc, 1e-9)), _LEAST_V_J)
 
 
 @kernel
@@ -52,9 +53,10 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
     fx = fa = fr = mx = ma = mr = k_z = d_x = d_y = d_z = thrust = strength = 0.0
     front = exit_share(p.eta, -travel, p.V_theta)
     rear = exit_share(p.eta, travel, p.V_theta)
-    speed = max(abs(v_x), abs(p.r_w * w_a))
     two_part = p.normal_model == 2.0
     parts = 2 if two_part else 1
+    mapped = p.V_j_mode == 2.0
+    driving = 1.0 - math.exp(-abs(travel) / p.V_theta)  # 0 at rest, 1 when the contact is shaped by travel
     v_n = v_a * sin_g + v_r * cos_g  # separating velocity of the centre from the plane
 
     # The part of the width that touches the plane; the edge of a cambered wheel may be in the air.
@@ -72,7 +74,6 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
             continue
         theta_front, theta_rear = front * theta_1, -rear * theta_1
         cos_1 = math.cos(theta_1)
-        V_j = shear_velocity_scale(p, speed, p.r_w * (theta_front - theta_rear))
         damping = max(0.0, 1.0 - p.c_d * (v_n + w_x * xi * cos_g))  # Hunt & Crossley 1975, own choice for soil
         cohesion = p.c * min(1.0, damping)  # no adhesion on separation
 
@@ -80,7 +81,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
         theta_m = theta_front if travel >= 0.0 else theta_rear
         lead, trail = (theta_front, theta_rear) if travel >= 0.0 else (theta_rear, theta_front)
         if two_part:
-            theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * (1.0 - math.exp(-abs(travel) / p.V_theta))
+            theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * driving
         for part in range(parts):
             start, end = (trail, lead) if not two_part else ((trail, theta_m) if part == 0 else (theta_m, lead))
             half = 0.5 * abs(end - start)
@@ -105,8 +106,14 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                 z = p.r_w * cos_g * (cos_z - cos_1)
                 static = bekker(k_eq, z, p.n)
                 sigma = static * damping
-                v_t = (v_x - w_r * xi) * cos + (v_r + w_x * xi) * sin - w_a * r_s
-                v_l = v_a + r_s * (w_r * sin + w_x * cos)
+                V_j = shear_velocity_scale(p, w_a, abs(lead - theta))
+                sin_v, cos_v = sin, cos
+                if mapped and abs(lead - theta) > 1e-6:
+                    # Mean shear velocity since entry: in steady rolling this is Janosi & Hanamoto's displacement form exactly.
+                    sin_v += driving * ((cos - cos_1) / (lead - theta) - sin)
+                    cos_v += driving * ((math.sin(lead) - sin) / (lead - theta) - cos)
+                v_t = (v_x - w_r * xi) * cos_v + (v_r + w_x * xi) * sin_v - w_a * r_s
+                v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
                 tau_max = mohr_coulomb(cohesion, sigma, tan_phi)
                 phi_m = janosi_velocity(math.sqrt(v_t * v_t + v_l * v_l), V_j)
                 g = tau_max * phi_m
@@ -157,8 +164,7 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     drop_front = p.r_w * cos_g * (math.cos(theta_front) - math.cos(theta_1))
     drop_rear = p.r_w * cos_g * (math.cos(theta_rear) - math.cos(theta_1))
     gamma_s = p.rho * p.gravity
-    speed = max(abs(v_x), abs(p.r_w * w_a))
-    V_j = shear_velocity_scale(p, speed, p.r_w * max(theta_front + theta_rear, 1e-3))
+    lead = math.copysign(theta_1, travel)
     damping = max(0.0, 1.0 - p.c_d * (v_a * sin_g + v_r * cos_g))
     reach = math.acos(max(-1.0, min(1.0, d / (r_tip * cos_g))))
     first = math.ceil((-reach - angle) / pitch)
@@ -170,6 +176,7 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     for i in range(first, last + 1):
         theta = angle + i * pitch
         sin, cos = math.sin(theta), math.cos(theta)
+        V_j = shear_velocity_scale(p, w_a, abs(lead - theta))
         v_t = v_x * cos + v_r * sin
         if faces:
             r_face = p.r_w + 0.5 * p.h_g
@@ -231,7 +238,7 @@ def _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, dro
 
 
 @kernel
-def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel):
+def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
     """Passive earth force on the side faces, wherever they move against the soil.
 
     Returns:
@@ -244,7 +251,7 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel):
     theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
     gamma_s = p.rho * p.gravity
-    V_j = shear_velocity_scale(p, max(abs(v_x), abs(p.r_w * w_a)), p.r_w * (theta_front + theta_rear))
+    lead = math.copysign(theta_1, travel)
     half = 0.5 * (theta_front + theta_rear)
     for k in range(_N):
         theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
@@ -255,6 +262,7 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel):
         if height <= 0.0:
             continue
         q = p.kappa_q * bekker(k_eq, height, p.n)
+        V_j = shear_velocity_scale(p, w_a, abs(lead - theta))
         g = rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
         f = -g * v_l
         fa += f

@@ -5,19 +5,28 @@ from __future__ import annotations
 import math
 
 from ..frames import cross, dot, is_rotation
-from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, wheel_active, wheel_pose, wheel_wrench
+from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL
+from ..terrain.patch import surface
+from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
 from ..wheel import WHEEL
 from . import loads
 
 _LEAST_CAMBER_COSINE = 0.17  # the axle at most 80 degrees from the horizontal
 _SLIP_FLOOR = 1e-3  # [m/s] slower wheels have a slip and slip angle near 0 rather than noise
-_NO_DATA, _STILL_NO_DATA, _BURIED, _ON_ITS_SIDE = 1, 2, 3, 4
+_NO_DATA, _STILL_NO_DATA, _BURIED, _ON_ITS_SIDE, _OUTSIDE = 1, 2, 3, 4, 5
 _PATIENCE = 2  # steps without a pose
+
+#: Contact plane after the low-pass: points with normal . r_0 = offset.
+_PLANE = Record(
+    known=Real(0.0, "1", "1 while rays of the wheel hit the patch"),
+    normal=Real(0.0, "1", "Normal of the contact plane, resolved in world", (3,)),
+    offset=Real(0.0, "m", "Distance of the plane from the world's origin along its normal"),
+)
 
 
 class BCM(KernelModel):
@@ -28,6 +37,8 @@ class BCM(KernelModel):
 
     Args:
         n_wheels: Number of wheels.
+        n_patches: 0 for flat ground at ``ground_z``, or n_wheels: patch i is the ground of wheel i, and its contact plane is fitted
+            in it as in Fig. 8.4.
     """
 
     parameters = (
@@ -39,13 +50,14 @@ class BCM(KernelModel):
             eta=Real(0.5, "1", "Least ratio of exit to entry angle, reached when driving", min=0.0, max=1.0),
             V_theta=Real(0.01, "m/s", "Speed over which the exit angle falls from the entry angle to eta of it", min=1e-6, max=100.0),
             V_j=Real(0.05, "m/s", "Shear velocity that mobilises 63 % of the shear strength", min=1e-6, max=100.0),
-            V_j_mode=Choice("Shear velocity scale", constant="V_j at every speed", mapped="from K and the time of passage"),
+            V_j_mode=Choice("Shear velocity scale", constant="V_j at every speed", mapped="shear displacement since entry, by K"),
             K=Real(0.02, "m", "Shear displacement modulus of Janosi and Hanamoto; used if V_j_mode is mapped", min=1e-6, max=10.0),
             normal_model=Choice("Normal stress over the rim", bekker="Bekker at local sinkage", wong_reece="two parts, 0 at the exit"),
             c_1=Real(0.43, "1", "Angle of the largest normal stress / entry angle at slip 0; used by wong_reece", min=0.0, max=0.95),
             c_2=Real(0.32, "1", "Its increase with slip; used by wong_reece", min=-0.95, max=0.95),
             c_d=Real(1.9, "s/m", "Normal damping: stress grows by this times the sinking speed (1.9: 28 % of critical)", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces and sides", min=0.0, max=1.0),
+            tau_n=Real(0.02, "s", "Time constant of the low-pass on the contact plane; used on a patch", min=0.0, max=10.0),
         )
     )
     events = {
@@ -55,16 +67,22 @@ class BCM(KernelModel):
             "wheel {i} is buried: its centre is more than its radius below the ground; start it on the ground or check ground_z"
         ),
         _ON_ITS_SIDE: Event("wheel {i} lies on its side: its axle is more than 80 deg from the horizontal; BCM knows rolling wheels only"),
+        _OUTSIDE: Event("wheel {i} is outside patch[{i}]: send the heights around the wheel's centre (origin, spacing, z)"),
     }
 
-    def __init__(self, n_wheels: int = 1):
-        super().__init__(n_wheels=n_wheels)
-        self.identifier = f"cdl_bcm_w{n_wheels}"
-        self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels)
-        self.state = Record(wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))))
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0):
+        if n_patches not in (0, n_wheels):
+            raise ValueError(f"n_patches = {n_patches}: choose 0 (flat ground) or {n_wheels} (a patch for each wheel)")
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches)
+        self.identifier = f"cdl_bcm_w{n_wheels}" + (f"p{n_patches}" if n_patches else "")
+        self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | patch_in(n_patches)
+        self.state = Record(
+            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))),
+            plane=Array(n_patches, _PLANE),
+        )
         self.outputs = wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels)
-        self.initialise_kernel = _initialise
-        self.step_kernel = _step_flat
+        self.initialise_kernel = _initialise_patches if n_patches else _initialise
+        self.step_kernel = _step_patches if n_patches else _step
 
     def check(self, p) -> None:
         """Refuse a soil that bears nothing under this wheel's width."""
@@ -85,24 +103,90 @@ def _initialise(t, p, x, y):
 
 
 @kernel
-def _step_flat(t, h, p, u, x, y):
+def _initialise_patches(t, p, x, y):
+    for i in range(len(y.wheel)):
+        x.wheel[i].silent = 0.0
+        x.plane[i].known = 0.0
+        _release(y.wheel[i], y.contact[i], y.diagnostics[i])
+
+
+@kernel
+def _step(t, h, p, u, x, y):
+    # Refuse before anything changes, so that the state of a refused step is the old one.
     for i in range(len(u.wheel)):
-        status = _refusal(p, u.wheel[i], x.wheel[i].silent, p.ground_z)
-        if status:
-            return status + STATUS_SPAN * i
+        refusal = _refusal(p, u.wheel[i], x.wheel[i].silent, p.ground_z)
+        if refusal:
+            return refusal + STATUS_SPAN * i
     status = 0
     for i in range(len(u.wheel)):
         wheel = u.wheel[i]
-        _release(y.wheel[i], y.contact[i], y.diagnostics[i])
-        if wheel.active == 0.0:
-            continue
-        if _has_pose(wheel):
-            x.wheel[i].silent = 0.0
+        if _sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
             _contact(p, wheel, 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z, y.wheel[i], y.contact[i], y.diagnostics[i])
-        else:
-            x.wheel[i].silent += 1.0
+        elif x.wheel[i].silent > 0.0:
             status = _NO_DATA + STATUS_SPAN * i
     return status
+
+
+@kernel
+def _step_patches(t, h, p, u, x, y):
+    for i in range(len(u.wheel)):
+        wheel, z = u.wheel[i], p.ground_z
+        if wheel.active > 0.0 and u.patch[i].spacing > 0.0 and _has_pose(wheel):
+            inside, z, _, _ = surface(u.patch[i], wheel.r_0[0], wheel.r_0[1])
+            if not inside:
+                return _OUTSIDE + STATUS_SPAN * i
+        refusal = _refusal(p, wheel, x.wheel[i].silent, z)
+        if refusal:
+            return refusal + STATUS_SPAN * i
+    status = 0
+    for i in range(len(u.wheel)):
+        wheel = u.wheel[i]
+        if _sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
+            n_x, n_y, n_z, d = 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z
+            if u.patch[i].spacing > 0.0:
+                n_x, n_y, n_z, d = _follow_plane(p, wheel, u.patch[i], h, x.plane[i])
+            _contact(p, wheel, n_x, n_y, n_z, d, y.wheel[i], y.contact[i], y.diagnostics[i])
+        else:
+            x.plane[i].known = 0.0
+            if x.wheel[i].silent > 0.0:
+                status = _NO_DATA + STATUS_SPAN * i
+    return status
+
+
+@kernel
+def _follow_plane(p, wheel, patch, h, plane):
+    """Fit the contact plane and low-pass it over h [s]; returns its normal and the height of the wheel's centre above it [m]."""
+    r = wheel.r_0
+    radius = p.r_w + (p.h_g if p.n_g > 0.0 else 0.0)
+    found, n_x, n_y, n_z, m_x, m_y, m_z = contact_plane(patch, wheel, radius, p.b_w)
+    if not found:
+        plane.known = 0.0
+        return 0.0, 0.0, 1.0, 2.0 * radius + p.b_w  # in the air
+    offset = dot(n_x, n_y, n_z, r[0] + m_x, r[1] + m_y, r[2] + m_z)
+    # Normal and offset in world axes: driving along one plane, however steep, has no lag.
+    keep = math.exp(-h / p.tau_n) if plane.known > 0.0 and p.tau_n > 0.0 else 0.0
+    normal = plane.normal
+    n_x, n_y, n_z = n_x + keep * (normal[0] - n_x), n_y + keep * (normal[1] - n_y), n_z + keep * (normal[2] - n_z)
+    offset += keep * (plane.offset - offset)
+    plane.known = 1.0
+    length = math.sqrt(dot(n_x, n_y, n_z, n_x, n_y, n_z))
+    normal[0], normal[1], normal[2] = n_x / length, n_y / length, n_z / length
+    plane.offset = offset / length
+    return normal[0], normal[1], normal[2], dot(normal[0], normal[1], normal[2], r[0], r[1], r[2]) - plane.offset
+
+
+@kernel
+def _sees(wheel, memory, wrench, contact, shown):
+    """Clear the outputs; True if the wheel is active and has a pose, else count the steps without one."""
+    _release(wrench, contact, shown)
+    if wheel.active == 0.0:
+        memory.silent = 0.0
+        return False
+    if _has_pose(wheel):
+        memory.silent = 0.0
+        return True
+    memory.silent += 1.0
+    return False
 
 
 @kernel
@@ -192,7 +276,7 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
         )
         fx, fa, fr, mx, ma, mr = fx + gx, fa + ga, fr + gr, mx + nx, ma + na, mr + nr
         k_z, d_x, d_y, d_z = k_z + kz, d_x + ex, d_y + ey, d_z + ez
-    sa, sx, sr, sy = loads.sides(p, k_eq, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel)
+    sa, sx, sr, sy = loads.sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel)
     fa, mx, mr, d_y = fa + sa, mx + sx, mr + sr, d_y + sy
 
     weight = wheel.active
