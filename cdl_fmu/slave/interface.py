@@ -16,10 +16,10 @@ _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ENVIRONMENT = Record(gravity=Real(9.81, "m/s2", "Acceleration of gravity, along -z", min=0.0, max=100.0))
 
 
-def _pose_and_twist(of: str) -> Record:
+def _pose_and_twist(of: str, T_start=_IDENTITY) -> Record:
     return Record(
         r_0=Real(0.0, "m", f"Position of {of}, resolved in world", (3,), -_BIG, _BIG),
-        T=Real(_IDENTITY, "1", f"Rotation from world to the frame of {of} (R.T of MultiBody)", (3, 3), -1.001, 1.001),
+        T=Real(T_start, "1", f"Rotation from world to the frame of {of} (R.T of MultiBody)", (3, 3), -1.001, 1.001),
         v_0=Real(0.0, "m/s", f"Velocity of {of}, resolved in world", (3,), -_BIG, _BIG),
         w_0=Real(0.0, "rad/s", f"Angular velocity of {of}, resolved in world", (3,), -_BIG, _BIG),
     )
@@ -63,7 +63,7 @@ def contact_jacobian(n: int) -> Record:
                 K=Real(0.0, "N/m", "Stiffness along each axis, opposing motion", (3,), min=0.0),
                 D=Real(0.0, "N.s/m", "Damping along each axis, opposing motion", (3,), min=0.0),
                 in_contact=Real(0.0, "1", "1 while the wheel touches the ground, else 0", min=0.0, max=1.0),
-                anchor=_pose_and_twist("the wheel's centre for which F was evaluated"),
+                anchor=_pose_and_twist("the wheel's centre for which F was evaluated; T = 0: no anchor is sent", T_start=0.0),
             ),
         )
     )

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 
 from .kernel import kernel, record_entry
@@ -76,6 +77,8 @@ class KernelModel(Model):
         P, U, X, Y = instance.arrays
         initialise = record_entry(self.initialise_kernel, "t, P, X, Y")
         step = record_entry(self.step_kernel, "t, h, P, U, X, Y")
+        # Compile now: a first compile takes seconds, which belong to the initialisation and not to the first step.
+        step.compile(tuple(map(numba.typeof, (0.0, 0.0, P, U, X, Y))))
         return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
 
 

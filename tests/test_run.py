@@ -1,0 +1,79 @@
+"""Runs: checkpoints, interruptions, failures, and what is refused before the first step."""
+
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+from systems import rover_on
+
+from cdl_fmu import BCM
+from orchestrator.fmu import SlaveError
+from orchestrator.results import open_result
+from orchestrator.run import RunError, run
+
+
+@pytest.fixture
+def system(tmp_path):
+    return rover_on(tmp_path, BCM(2), start_z=0.104, stop_time=0.2)
+
+
+def rows(outcome):
+    result = open_result(outcome.result)
+    return result.time.values, result.series.values
+
+
+@pytest.mark.parametrize("scheme", ["ij", "gs-mid", "jacobi", "aitken"])
+def test_a_resumed_run_gives_the_bits_of_an_uninterrupted_one(scheme, system, tmp_path):
+    whole = rows(run(system, tmp_path / "a", scheme=scheme, checkpoint_every=0.08))
+    resumed = rows(run(system, tmp_path / "a", scheme=scheme, resume=tmp_path / "a" / "checkpoint_0.080s.npz"))
+    for a, b in zip(whole, resumed):
+        assert a.tobytes() == b.tobytes()
+
+
+def test_a_checkpoint_of_another_run_is_refused(system, tmp_path):
+    run(system, tmp_path / "a", checkpoint_every=0.1)
+    with pytest.raises(RunError, match="written by another run"):
+        run(system, tmp_path / "a", scheme="jacobi", resume=tmp_path / "a" / "checkpoint_0.100s.npz")
+    with pytest.raises(RunError, match="no checkpoint that can be read"):
+        run(system, tmp_path / "a", resume=tmp_path / "a" / "result.nc")
+
+
+def test_a_stop_time_between_steps_is_refused_with_its_neighbours(system, tmp_path):
+    with pytest.raises(RunError, match=r"stop time 0\.0105 s is no multiple of the step 0\.001 s; the nearest are 0\.01 s and 0\.011 s"):
+        run(system, tmp_path, stop_time=0.0105)
+    with pytest.raises(RunError, match=r"step = -0\.001 s: it must be positive"):
+        run(system, tmp_path, step=-1e-3)
+
+
+def test_an_interrupt_leaves_a_readable_result_with_all_steps_so_far(system, tmp_path):
+    seen = []
+
+    def progress(t, stop):
+        if not seen:
+            seen.append(t)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    outcome = run(system, tmp_path, stop_time=100.0, progress=progress)
+    assert outcome.status == "interrupted" and outcome.simulated_s < 100.0
+    result = open_result(outcome.result)
+    assert result.attrs["status"] == "interrupted"
+    assert result.time.values[-1] == pytest.approx(outcome.simulated_s) and np.isfinite(result.series.values).all()
+
+
+def test_a_failing_slave_ends_the_run_with_its_name_and_keeps_the_rows(tmp_path):
+    # Without gravity's counterpart the rover falls: ground far below, until the wheel meets it too deep in one step.
+    system = rover_on(tmp_path, BCM(2), start_z=0.3, stop_time=1.0, c_d=0.0, k_phi=1e3, k_c=0.0)
+    with pytest.raises(SlaveError, match=r"contact did not do the step .*wheel 1 is buried.*start it on the ground"):
+        run(system, tmp_path / "out")
+    result = open_result(tmp_path / "out" / "result.nc")
+    assert result.attrs["status"].startswith("failed: contact did not do the step") and 0.1 < result.time.values[-1] < 1.0
+
+
+def test_runs_work_beside_the_main_thread(system, tmp_path):
+    outcomes = []
+    worker = threading.Thread(target=lambda: outcomes.append(run(system, tmp_path / "b", stop_time=0.01)))
+    worker.start()
+    worker.join()
+    assert outcomes[0].status == "complete"
