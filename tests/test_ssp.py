@@ -2,7 +2,7 @@
 
 import math
 import struct
-from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZipFile, ZipInfo
 
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
@@ -309,6 +309,7 @@ def test_wrong_type(read):
         ('k=<ssv:Real value="11"/>', "a.k = 11 m is outside [0, 10] m; use a value inside"),
         ('k=<ssv:Real value="NaN"/>', "a.k = nan m is outside [0, 10] m; use a value inside"),
         ('k=<ssv:Real value="one"/>', "a.k = 'one' is not a Real value; correct it"),
+        ('count=<ssv:Integer value="3000000000"/>', "a.count = 3e+09 is outside"),
         ('k=<ssv:Boolean value="true"/>', "a.k is Real, its value 'true' is Boolean; state a Real value"),
         ('count=<ssv:Real value="3.5"/>', "a.count is Integer, its value '3.5' is Real; state a Integer value"),
         ('mode=<ssv:Enumeration value="fsat"/>', "a.mode = 'fsat' is not one of slow, fast; correct it"),
@@ -410,7 +411,14 @@ def test_declared_size_is_a_lie(tmp_path):
     assert "no readable ZIP archive" in refused(tmp_path, path)
 
 
-def test_no_archive_and_damaged_archive(tmp_path):
+def test_other_compression(tmp_path):
+    path = tmp_path / "evil.fmu"
+    with ZipFile(path, "w", ZIP_BZIP2) as package:
+        package.writestr("data", "x")
+    assert "entry 'data' has compression method 12; pack it with deflate" in refused(tmp_path, path)
+
+
+def test_no_archive(tmp_path):
     path = tmp_path / "text.fmu"
     path.write_text("hello")
     assert "text.fmu: no readable ZIP archive" in refused(tmp_path, path)
@@ -430,13 +438,15 @@ def test_xml_entities(read, tmp_path):
 
 def test_xml_too_deep_too_large_or_malformed(read, monkeypatch):
     assert "elements nested deeper than 64" in message(read, structure("<a>" * 100 + "</a>" * 100))
-    assert "SystemStructure.ssd: malformed XML" in message(read, "<ssd:System>")
+    for text in ("<ssd:System>", '<?xml version="1.0" encoding="klingon"?><a/>'):
+        assert "SystemStructure.ssd: malformed XML" in message(read, text)
     monkeypatch.setattr(xml, "MAX_BYTES", 100)
     assert "bytes of XML, more than 100" in message(read, one())
 
 
 @pytest.mark.parametrize(
-    "source", ["../plant.fmu", "file:///etc/passwd", "http://x/plant.fmu", "/etc/passwd", "%2e%2e/plant.fmu", "#other"]
+    "source",
+    ["../plant.fmu", "file:///etc/passwd", "http://x/plant.fmu", "/etc/passwd", "%2e%2e/plant.fmu", "#other", "a%00b", "http://[x"],
 )
 def test_source_outside_the_package(read, source):
     assert f"source = '{source}' is no file of the package" in message(read, one().replace("resources/plant.fmu", source))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
@@ -9,7 +10,7 @@ import stat
 import zlib
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from zipfile import BadZipFile, ZipFile, ZipInfo
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 MAX_ENTRIES = 20_000
 MAX_BYTES = 4 * 2**30
@@ -42,8 +43,10 @@ def unpack(archive: Path | str, cache_dir: Path | str) -> Path:
                 with TemporaryDirectory(dir=cache_dir, prefix=".unpack-") as staging:
                     _extract(package, files, Path(staging) / target.name)
                     _publish(Path(staging) / target.name, target)
-        except (BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError) as error:
-            raise SspError(f"{archive}: no readable ZIP archive ({error}); export or download it again") from error
+        except (BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, OSError) as error:
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a damaged offset; others are the disk's
+                raise
+            raise SspError(f"{archive}: no readable ZIP archive ({error or 'truncated'}); export or download it again") from error
     return target
 
 
@@ -72,6 +75,8 @@ def _checked_files(archive: Path, entries: list[ZipInfo]) -> dict[PurePosixPath,
             raise SspError(f"{archive}: entry {name!r} is a link or a special file; pack files only")
         if entry.flag_bits & 1:
             raise SspError(f"{archive}: entry {name!r} is encrypted; pack it without a password")
+        if entry.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+            raise SspError(f"{archive}: entry {name!r} has compression method {entry.compress_type}; pack it with deflate")
         if str(path).casefold() in seen:
             raise SspError(f"{archive}: entry {name!r} occurs twice, which file is meant is unclear; pack it once")
         seen.add(str(path).casefold())

@@ -17,7 +17,7 @@ class Unit:
     """A unit: base value = factor * value + offset (FMI 2.0.4, section 2.2.2); ``exponents`` of BASE_UNITS, None where undefined."""
 
     name: str
-    exponents: tuple[int, ...] | None = None
+    exponents: tuple[float, ...] | None = None
     factor: float = 1.0
     offset: float = 0.0
 
@@ -57,11 +57,13 @@ def conversion(source: Unit, target: Unit) -> tuple[float, float]:
         raise ValueError(f"unit {source.name!r} to unit {target.name!r}: {undefined.name!r} has no base unit; define it")
     if source.exponents != target.exponents:
         raise ValueError(f"unit {source.name!r} ({_spelled(source)}) to unit {target.name!r} ({_spelled(target)}) is not the same quantity")
+    if target.factor == 0:
+        raise ValueError(f"unit {source.name!r} to unit {target.name!r}: the latter has factor 0; define it with another")
     return source.factor / target.factor, (source.offset - target.offset) / target.factor
 
 
 def _spelled(unit: Unit) -> str:
-    return ".".join(base + (str(n) if n != 1 else "") for base, n in zip(BASE_UNITS, unit.exponents) if n) or "1"
+    return ".".join(base + (f"{n:g}" if n != 1 else "") for base, n in zip(BASE_UNITS, unit.exponents) if n) or "1"
 
 
 def units_of_file(root: Node) -> dict[str, Unit]:
@@ -71,7 +73,7 @@ def units_of_file(root: Node) -> dict[str, Unit]:
         name, base = node.required("name"), node.child("BaseUnit")
         if base is None:
             raise SspError(f"{node.where}: unit {name!r} has no BaseUnit; add it")
-        exponents = tuple(int(base.number(key, 0)) for key in BASE_UNITS)
+        exponents = tuple(base.number(key, 0.0) for key in BASE_UNITS)
         units[name] = Unit(name, exponents, base.number("factor", 1.0), base.number("offset", 0.0))
     return units
 

@@ -145,4 +145,7 @@ def variable_unit(variable: ModelVariable) -> str | None:
 
 def _bound(variable: ModelVariable, side: str) -> float:
     text = getattr(variable, side) or (getattr(variable.declaredType, side) if variable.declaredType else None)
-    return float(text) if text is not None else {"min": -math.inf, "max": math.inf}[side]
+    if text is not None:
+        return float(text)
+    low, high = (-(2**31), 2**31 - 1) if variable.type == "Integer" else (-math.inf, math.inf)
+    return low if side == "min" else high

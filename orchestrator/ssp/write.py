@@ -53,7 +53,8 @@ def write_system(
     """Write an SSP 1.0 package; the same arguments give the same bytes.
 
     ``components``: name -> FMU file. ``parameters``: component -> variable -> value in the variable's unit. ``observed``: further outputs,
-    as (component, variable), that get a connector so that tools which record connectors record them. Times in seconds. Raises SspError for
+    as (component, variable), that get a connector so that tools which record connectors record them. Times in seconds. A connection without
+    factor and offset gets the conversion between the units of its variables, if they differ. Raises SspError for
     an unknown component or variable, and where a tool would silently do something else.
 
     Known differences: FMPy's ``simulate_ssp`` ignores parameters (build them into the FMUs' start values) and transformations of
@@ -187,7 +188,7 @@ def _units(root: Element, tag: str, units: Mapping[str, Unit]) -> None:
     listing = SubElement(root, tag)
     for name in sorted(units):
         unit = units[name]
-        base = {key: str(n) for key, n in zip(BASE_UNITS, unit.exponents) if n}
+        base = {key: f"{n:g}" for key, n in zip(BASE_UNITS, unit.exponents) if n}
         base |= {
             key: repr(value) for key, value, default in (("factor", unit.factor, 1.0), ("offset", unit.offset, 0.0)) if value != default
         }

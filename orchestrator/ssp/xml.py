@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -46,9 +47,12 @@ class Node(Element):
         if text is None:
             return default
         try:
-            return float(text)
+            number = float(text)
         except ValueError:
-            raise SspError(f"{self.where}: {self.local} {attribute} = {text!r} is no number; write one") from None
+            number = math.nan
+        if not math.isfinite(number):
+            raise SspError(f"{self.where}: {self.local} {attribute} = {text!r} is no finite number; write one")
+        return number
 
     def flag(self, attribute: str) -> bool:
         return self.get(attribute) in ("true", "1")
@@ -56,15 +60,25 @@ class Node(Element):
     def path(self, attribute: str, folder: Path) -> Path:
         """File inside ``folder`` that a relative URI names. Raises SspError for any other URI and for a missing file."""
         uri = self.required(attribute)
-        parts = urlsplit(uri)
-        path = (folder / unquote(parts.path)).resolve()
-        if parts.scheme or parts.netloc or parts.query or parts.fragment or not path.is_relative_to(folder.resolve()):
+        path = _inside(folder, uri)
+        if path is None:
             raise SspError(
                 f"{self.where}: {attribute} = {uri!r} is no file of the package; put it into resources/ and name it by a relative path"
             )
         if not path.is_file():
             raise SspError(f"{self.where}: {attribute} = {uri!r} is missing from the package; add the file or correct the name")
         return path
+
+
+def _inside(folder: Path, uri: str) -> Path | None:
+    """Path that a relative URI names inside a folder, None for any other URI."""
+    try:
+        parts = urlsplit(uri)
+        path = (folder / unquote(parts.path)).resolve()
+    except ValueError:  # brackets that are no address, NUL
+        return None
+    beyond = parts.scheme or parts.netloc or parts.query or parts.fragment
+    return None if beyond or not path.is_relative_to(folder.resolve()) else path
 
 
 def parse(path: Path) -> Node:
@@ -104,7 +118,7 @@ def parse(path: Path) -> Node:
     parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
     try:
         parser.Parse(path.read_bytes(), True)
-    except expat.ExpatError as error:
+    except (expat.ExpatError, LookupError, ValueError) as error:  # also an unknown encoding
         raise SspError(f"{path.name}: malformed XML ({error}); export it again") from error
     return builder.close()
 
