@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from zipfile import ZipFile
 
+import pytest
 from pythonfmu import FmuBuilder
+
+from orchestrator.ssp import SspError, read_system
 
 UNITS = {
     "m": '<BaseUnit m="1"/>',
@@ -126,6 +129,53 @@ def write_ssp(path: Path, ssd: str, fmus: dict[str, Path], **more: str) -> Path:
         for name, text in more.items():
             archive.writestr(name, text)
     return path
+
+
+PLANT = describe(
+    real("u", "input"),
+    real("y", "output"),
+    real("k", "parameter", min=0, max=10),
+    real("angle", "output", unit="rad"),
+    real("t", "input", unit="degC"),
+    real("warm", "output", unit="K"),
+    real("n", "parameter", unit="N/m^1.5"),
+    variable("mode", "parameter", '<Enumeration declaredType="Mode" start="1"/>'),
+    variable("selected", "input", '<Enumeration declaredType="Mode" start="1"/>'),
+    variable("gear", "output", '<Enumeration declaredType="Gear"/>'),
+    variable("count", "parameter", '<Integer start="3"/>'),
+    variable("on", "parameter", '<Boolean start="true"/>'),
+    variable("file", "parameter", '<String start=""/>'),
+    *(real(f"v[{i}]", "input") for i in (1, 2, 3)),
+    *(real(f"w[{i}]", "output") for i in (1, 2, 3)),
+    *(real(f"pair[{i}]", "input") for i in (1, 2)),
+    *(real(f"wide[{i}]", "output") for i in (1, 2, 3)),
+)
+
+
+def two(*pairs, a="y:output", b="u:input", values=""):
+    """Two plants a and b, connected."""
+    return structure(f"<ssd:Elements>{component('a', 'plant', a)}{component('b', 'plant', b, values)}</ssd:Elements>{connections(*pairs)}")
+
+
+def one(connectors="", bindings="", **attributes):
+    """One plant a."""
+    return structure(f"<ssd:Elements>{component('a', 'plant', connectors, bindings, **attributes)}</ssd:Elements>")
+
+
+def reader(tmp_path: Path, plant: Path):
+    """Reads a package of the given structure; every component is a plant unless other FMUs are given."""
+
+    def read(ssd, fmus=None, **more):
+        return read_system(write_ssp(tmp_path / "x.ssp", ssd, fmus or {"plant": plant}, **more), tmp_path / "cache")
+
+    return read
+
+
+def message(read, *args, **more) -> str:
+    """What a refusal says."""
+    with pytest.raises(SspError) as caught:
+        read(*args, **more)
+    return str(caught.value)
 
 
 _SLAVE = """
