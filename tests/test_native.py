@@ -10,14 +10,14 @@ import pytest
 from elftools.elf.elffile import ELFFile
 from linear_spring import LinearSpring
 
-from cdl_fmu.bcm import BCM
 from cdl_fmu.frames import axis_rotation
 from cdl_fmu.slave.kernel import kernel
 from cdl_fmu.slave.model import Instance, KernelModel
 from cdl_fmu.slave.native import LIBM, MEMORY, ExportError, object_code
 from cdl_fmu.slave.records import Real, Record
+from fmus import SHIPPED
 
-MODELS = [BCM(n_wheels=1), BCM(n_wheels=2), LinearSpring(n_wheels=2)]
+MODELS = [*(model for model in SHIPPED if isinstance(model, KernelModel)), LinearSpring(n_wheels=2)]
 
 
 @pytest.fixture(scope="module", params=MODELS, ids=lambda model: model.identifier)
@@ -71,13 +71,20 @@ def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_pa
 
 
 def some_inputs(model, rng) -> np.ndarray:
-    """Values near the start values; wheels a little in the ground, turned, rolling and sliding."""
+    """Values near the start values; wheels a little in the ground, turned, rolling and sliding; patches under them."""
     starts = model.inputs.starts()
     block = starts + rng.uniform(-0.5, 0.5, starts.size)
     u = block.view(model.inputs.dtype)[0]
-    for wheel in u["wheel"] if "wheel" in u.dtype.names else ():
+    fields = u.dtype.names
+    for wheel in u["wheel"] if "wheel" in fields else ():
         wheel["r_0"][2] = rng.uniform(0.09, 0.12)
-        wheel["T"] = axis_rotation(2, rng.uniform(-3, 3)) @ axis_rotation(1, rng.uniform(-0.2, 0.2)) @ axis_rotation(3, rng.uniform(-3, 3))
+        if "T" in wheel.dtype.names:
+            pitch, camber, yaw = rng.uniform([-3, -0.2, -3], [3, 0.2, 3])
+            wheel["T"] = axis_rotation(2, pitch) @ axis_rotation(1, camber) @ axis_rotation(3, yaw)
+    for patch, wheel in zip(u["patch"], u["wheel"]) if "patch" in fields else ():
+        patch["spacing"] = spacing = 0.03
+        patch["origin"] = spacing * np.round(wheel["r_0"][:2] / spacing - np.array(patch["z"].shape) // 2)
+        patch["z"] = rng.uniform(-0.01, 0.01, patch["z"].shape)
     scalars = model.inputs.scalars()
     return block.clip([s.field.min for s in scalars], [s.field.max for s in scalars])
 
