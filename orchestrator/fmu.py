@@ -66,7 +66,7 @@ class Slave:
         self._callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         self._callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self._alive = False
-        self._call("instantiate", self._fmu.instantiate, callbacks=self._callbacks)
+        self._call("instantiate", self._fmu.instantiate, callbacks=self._callbacks, loggingOn=True)
         self._alive = True
         self._component = c_void_p(self._fmu.component)
         self._do_step = self._function("DoStep", [c_void_p, c_double, c_double, c_int])

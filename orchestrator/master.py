@@ -46,8 +46,8 @@ class Master:
             exchange = self._connect(slaves, explicit=kind.explicit)
             for slave in self.slaves:
                 parameters = dict(system.components[slave.name].parameters)
-                if kind.explicit and "inverse_inertia" in slave.variables:
-                    parameters["inverse_inertia"] = 2  # on: the guard needs it
+                if kind.explicit and "with_inverse_inertia" in slave.variables:
+                    parameters["with_inverse_inertia"] = 2  # on: the guard needs it
                 slave.initialise(system.start_time, stop_time, parameters)
             for slave in self.slaves:
                 slave.get(system.start_time)

@@ -43,11 +43,14 @@ def test_a_contact_of_1e6_newton_per_metre_is_stable_at_1_ms(scheme, tmp_path):
     assert z[-1] == pytest.approx(0.125 - WEIGHT / 2 / 1e6, abs=1e-6)
 
 
-def test_explicit_exchange_of_that_contact_is_warned_about_once_a_wheel(tmp_path):
-    system = rover_on(tmp_path, spring(), start_z=0.1248, stop_time=0.2, k=1e6, d=10.0)
+@pytest.mark.parametrize(
+    ("contact", "reason"), [({"d": 10.0, "v_s": 1.0}, "its spring (omega = "), ({"v_s": 1e-3}, "friction and damping")]
+)
+def test_explicit_exchange_of_a_stiff_contact_is_warned_about_once_a_wheel(contact, reason, tmp_path):
+    system = rover_on(tmp_path, spring(), start_z=0.1248, stop_time=0.2, k=1e6, **contact)
     outcome, _ = drive(system, tmp_path, "gs-mid")
-    about = [w for w in outcome.warnings if "under an explicit exchange; use scheme ij" in w]
-    assert 1 <= len(about) <= 2 and "rover.wheel[" in about[0] and "omega =" in about[0]
+    assert 1 <= len(outcome.warnings) <= 2
+    assert all(w.startswith("rover.wheel[") and reason in w and "use scheme ij or a smaller step" in w for w in outcome.warnings)
     assert drive(system, tmp_path, "ij")[0].warnings == []
 
 

@@ -68,7 +68,9 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
     )
     with tempfile.TemporaryDirectory(prefix="cdl_build_") as folder:
-        script_file = Path(folder, f"{model.identifier}.py")
+        # All FMUs of a process share one table of modules: a name of its own for each content.
+        module = f"{model.identifier}_{hashlib.sha256(script.encode()).hexdigest()[:12]}"
+        script_file = Path(folder, f"{module}.py")
         script_file.write_text(script)
         known_path = list(sys.path)
         try:
@@ -76,7 +78,7 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         finally:
             # The builder imports the script by name; an FMU of the same name must not find that module later.
             sys.path[:] = known_path
-            sys.modules.pop(model.identifier, None)
+            sys.modules.pop(module, None)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
             pass
         _repack(packed, Path(part.name))

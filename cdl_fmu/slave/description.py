@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
+from types import MappingProxyType
 from uuid import UUID
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -46,15 +47,15 @@ def value_references(model: Model) -> list[tuple[str, int, Scalar]]:
     return out
 
 
-def model_guid(model: Model) -> str:
-    """Identifies interface and version: the same declaration and package version give the same GUID, any other another one."""
-    digest = hashlib.sha256(tostring(_description(model, guid="", starts={})))
+def model_guid(model: Model, starts: Mapping[str, float] = MappingProxyType({})) -> str:
+    """Identifies interface, version and start values: if they are the same the GUID is the same, else it is another one."""
+    digest = hashlib.sha256(tostring(_description(model, guid="", starts=starts)))
     return f"{{{UUID(bytes=digest.digest()[:16])}}}"
 
 
 def model_description(model: Model, starts: Mapping[str, float]) -> Element:
     """Root element of modelDescription.xml; ``starts`` replaces start values of parameters and inputs, by FMI name."""
-    return _description(model, model_guid(model), starts)
+    return _description(model, model_guid(model, starts), starts)
 
 
 def _description(model: Model, guid: str, starts: Mapping[str, float]) -> Element:
