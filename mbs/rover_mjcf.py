@@ -8,7 +8,7 @@ import mujoco
 STEERED = (False, True)
 
 # Rotational inertia of the "point" mass [kg.m2]: small enough to be none, large enough for MuJoCo to take.
-_POINT = 1e-9
+_POINT = 1e-12
 
 
 def two_wheel(p) -> mujoco.MjModel:

@@ -1,0 +1,1 @@
+"""Checks of the library against independent computations and measurements."""
