@@ -196,12 +196,19 @@ def test_sides_resist_a_sideways_wheel_by_rankine():
     assert -rim_only[1] == pytest.approx(math.tan(phi) * np.trapezoid(B * R * K_EQ * h ** SOIL["n"], theta), rel=1e-4)
 
 
-def test_yaw_meets_a_turning_moment_and_camber_pushes_to_its_low_side():
-    wheel = bcm()
-    assert drive(wheel, 0.025, v=(0.1, 0, 0), w=(0, 1, 0.5))[1][2] < -0.1
-    tilted = drive(wheel, 0.025, v=(0.125, 0, 0), w=(0, 1, 0), T=axis_rotation(1, 0.1))  # the axle's left end is raised
-    assert tilted[0][1] < 0.0  # the soil pushes on the rim along its normal, which leans to the right
-    assert tilted[1][0] < 0.0  # the deeper, right edge is pushed up: the wheel is turned upright
+def test_yaw_meets_a_turning_moment():
+    assert drive(bcm(), 0.025, v=(0.1, 0, 0), w=(0, 1, 0.5))[1][2] < -0.1
+
+
+def test_camber_turns_the_wheel_upright_and_gives_no_force_along_the_ground():
+    """Pressure that depends on depth alone has no resultant along the plane, and none about the axle."""
+    wheel = bcm(**FRICTIONLESS, eta=1)
+    T = axis_rotation(1, 0.1)  # the axle's left end is raised
+    force, torque = drive(wheel, 0.025, T=T)
+    assert force[:2] == pytest.approx((0, 0), abs=1e-9)
+    assert (T @ torque)[1] == pytest.approx(0, abs=1e-9)
+    assert torque[0] < 0.0  # the deeper, right edge is pushed up
+    assert drive(wheel, 0.025)[0][2] == pytest.approx(force[2], rel=0.15)
 
 
 def test_wong_reece_stress_vanishes_at_the_exit_and_bears_less_than_bekker():

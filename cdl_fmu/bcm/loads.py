@@ -3,6 +3,10 @@
 All are resolved at the wheel's centre in the wheel's axes: x along the heading in the plane, a along the axle (to the left),
 r = x cross a, away from the soil. The plane's normal has the components (0, sin_g, cos_g) there, g being the camber.
 ``d`` is the height of the centre above the plane [m]. Velocities are the wheel's relative to the soil.
+
+Own choice: on a cambered wheel the low side face bears the pressure of the rim beside it, sigma tan(g) cos(theta) per rim area
+along the axle. A pressure that depends on depth alone then has no resultant along the plane, as it must (divergence theorem),
+and a wheel beside the middle of a rut is pushed back.
 """
 
 from __future__ import annotations
@@ -35,11 +39,19 @@ def entry_angle(p, d, cos_g, height):
 
 
 @kernel
-def shear_velocity_scale(p, omega, arc):
-    """V_j [m/s] at the angle ``arc`` [rad] behind the entry of a wheel that rolls with omega [rad/s]."""
+def shear_velocity_scale(p, omega, travel, theta_1, theta):
+    """V_j [m/s] at theta of a wheel that rolls with omega [rad/s] and enters the soil at theta_1, or at -theta_1 in reverse."""
     if p.V_j_mode == 1.0:
         return p.V_j
+    # At rest, where no end is the entry, half of the arc counts.
+    arc = theta_1 + driving(p, travel) * (abs(math.copysign(theta_1, travel) - theta) - theta_1)
     return max(mapped_shear_velocity(p.K, omega, max(arc, 1e-9)), _LEAST_V_J)
+
+
+@kernel
+def driving(p, travel):
+    """0 at rest, 1 when the contact has the shape that travel [m/s] gives it."""
+    return 1.0 - math.exp(-abs(travel) / p.V_theta)
 
 
 @kernel
@@ -56,7 +68,8 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
     two_part = p.normal_model == 2.0
     parts = 2 if two_part else 1
     mapped = p.V_j_mode == 2.0
-    driving = 1.0 - math.exp(-abs(travel) / p.V_theta)  # 0 at rest, 1 when the contact is shaped by travel
+    shaped = driving(p, travel)
+    tan_g = sin_g / cos_g
     v_n = v_a * sin_g + v_r * cos_g  # separating velocity of the centre from the plane
 
     # The part of the width that touches the plane; the edge of a cambered wheel may be in the air.
@@ -81,7 +94,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
         theta_m = theta_front if travel >= 0.0 else theta_rear
         lead, trail = (theta_front, theta_rear) if travel >= 0.0 else (theta_rear, theta_front)
         if two_part:
-            theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * driving
+            theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * shaped
         for part in range(parts):
             start, end = (trail, lead) if not two_part else ((trail, theta_m) if part == 0 else (theta_m, lead))
             half = 0.5 * abs(end - start)
@@ -106,12 +119,12 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                 z = p.r_w * cos_g * (cos_z - cos_1)
                 static = bekker(k_eq, z, p.n)
                 sigma = static * damping
-                V_j = shear_velocity_scale(p, w_a, abs(lead - theta))
+                V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
                 sin_v, cos_v = sin, cos
                 if mapped and abs(lead - theta) > 1e-6:
                     # Mean shear velocity since entry: in steady rolling this is Janosi & Hanamoto's displacement form exactly.
-                    sin_v += driving * ((cos - cos_1) / (lead - theta) - sin)
-                    cos_v += driving * ((math.sin(lead) - sin) / (lead - theta) - cos)
+                    sin_v += shaped * ((cos - cos_1) / (lead - theta) - sin)
+                    cos_v += shaped * ((math.sin(lead) - sin) / (lead - theta) - cos)
                 v_t = (v_x - w_r * xi) * cos_v + (v_r + w_x * xi) * sin_v - w_a * r_s
                 v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
                 tau_max = mohr_coulomb(cohesion, sigma, tan_phi)
@@ -120,24 +133,25 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                 tau_t, tau_l = -g * v_t, -g * v_l  # Eq. (8.6)
                 p_x = tau_t * cos - sigma * sin
                 p_r = sigma * cos + tau_t * sin
+                p_side = sigma * cos * tan_g
                 fx += p_x * dA
-                fa += tau_l * dA
+                fa += (p_side + tau_l) * dA
                 fr += p_r * dA
-                mx += (xi * p_r + r_s * cos * tau_l) * dA
+                mx += (xi * p_r + cos * (p.r_w * p_side + r_s * tau_l)) * dA
                 ma -= r_s * tau_t * dA
-                mr += (r_s * sin * tau_l - xi * p_x) * dA
+                mr += (sin * (p.r_w * p_side + r_s * tau_l) - xi * p_x) * dA
                 thrust += tau_t * dA
                 strength += tau_max * dA
                 d_x += g * cos * cos * dA
                 d_y += g * dA
                 d_z += g * sin * sin * dA
                 # Force along the plane's normal per normal stress, with the shear strength that it brings.
-                share = cos_g * (cos - tan_phi * phi_m * v_t * sin) - sin_g * tan_phi * phi_m * v_l
+                share = cos / cos_g - tan_phi * phi_m * (v_t * sin * cos_g + v_l * sin_g)
                 if damping > 0.0:
                     d_z += p.c_d * static * share * dA
                     if z > 0.0:
                         k_z += p.n * sigma / z * deepening * share * dA
-                k_z += (p_r * cos_g + tau_l * sin_g) * growth
+                k_z += (p_r * cos_g + (p_side + tau_l) * sin_g) * growth
     return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength
 
 
@@ -164,7 +178,6 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     drop_front = p.r_w * cos_g * (math.cos(theta_front) - math.cos(theta_1))
     drop_rear = p.r_w * cos_g * (math.cos(theta_rear) - math.cos(theta_1))
     gamma_s = p.rho * p.gravity
-    lead = math.copysign(theta_1, travel)
     damping = max(0.0, 1.0 - p.c_d * (v_a * sin_g + v_r * cos_g))
     reach = math.acos(max(-1.0, min(1.0, d / (r_tip * cos_g))))
     first = math.ceil((-reach - angle) / pitch)
@@ -176,7 +189,7 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     for i in range(first, last + 1):
         theta = angle + i * pitch
         sin, cos = math.sin(theta), math.cos(theta)
-        V_j = shear_velocity_scale(p, w_a, abs(lead - theta))
+        V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
         v_t = v_x * cos + v_r * sin
         if faces:
             r_face = p.r_w + 0.5 * p.h_g
@@ -198,8 +211,9 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         v_tip = v_t - w_a * r_tip
         v_l = v_a + r_tip * (w_r * sin + w_x * cos)
         phi_m = janosi_velocity(math.sqrt(v_tip * v_tip + v_l * v_l), V_j)
-        g = area * mohr_coulomb(p.c * min(1.0, damping), sigma, tan_phi) * phi_m
+        g = area * mohr_coulomb(p.c * min(1.0, damping, z / p.t_g), sigma, tan_phi) * phi_m
         f, f_l = -g * v_tip, -g * v_l
+        f_l += sigma * area * cos * sin_g / cos_g
         fx += f * cos - sigma * area * sin
         fa += f_l
         fr += f * sin + sigma * area * cos
@@ -210,7 +224,7 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         d_y += g
         d_z += g * sin * sin
         if damping > 0.0:
-            share = area * (cos_g * (cos - tan_phi * phi_m * v_tip * sin) - sin_g * tan_phi * phi_m * v_l)
+            share = area * (cos / cos_g - tan_phi * phi_m * (v_tip * sin * cos_g + v_l * sin_g))
             d_z += p.c_d * static * share
             k_z += p.n * sigma / z * share
     return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z
@@ -251,7 +265,6 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
     theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
     gamma_s = p.rho * p.gravity
-    lead = math.copysign(theta_1, travel)
     half = 0.5 * (theta_front + theta_rear)
     for k in range(_N):
         theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
@@ -262,7 +275,7 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
         if height <= 0.0:
             continue
         q = p.kappa_q * bekker(k_eq, height, p.n)
-        V_j = shear_velocity_scale(p, w_a, abs(lead - theta))
+        V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
         g = rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
         f = -g * v_l
         fa += f

@@ -1,0 +1,107 @@
+"""BCM on a height patch: the contact plane takes the place of flat ground."""
+
+import numpy as np
+import pytest
+
+from cdl_fmu import BCM, Instance, load_soil
+from cdl_fmu.frames import axis_rotation
+
+SOIL = load_soil("mss_d")
+R, SPACING = 0.125, 0.03
+
+
+def on_patch(height, **parameters) -> Instance:
+    """BCM on a patch with heights ``height(x, y)``, centred at the origin."""
+    instance = Instance(BCM(1, 1), **(SOIL | parameters))
+    patch = instance.u.patch[0]
+    patch.spacing, patch.origin[:] = SPACING, (-6 * SPACING, -4 * SPACING)
+    x, y = patch.origin[0] + SPACING * np.arange(13), patch.origin[1] + SPACING * np.arange(9)
+    patch.z[:] = height(x[:, None], y[None, :])
+    instance.initialise()
+    return instance
+
+
+def set_pose(instance, r, T, v, w):
+    wheel = instance.u.wheel[0]
+    wheel.r_0[:], wheel.v_0[:], wheel.w_0[:] = r, v, w
+    wheel["T"][:] = T
+    instance.step(0.0, 1e-3)
+    return instance.y.wheel[0]
+
+
+def random_motion(rng):
+    T = axis_rotation(2, rng.uniform(-3, 3)) @ axis_rotation(1, rng.uniform(-0.2, 0.2)) @ axis_rotation(3, rng.uniform(-3, 3))
+    return T, rng.normal(0, 0.1, 3), rng.normal(0, 1, 3)
+
+
+def test_a_flat_patch_is_flat_ground():
+    flat = Instance(BCM(), **SOIL, ground_z=0.05)
+    flat.initialise()
+    patched = on_patch(lambda x, y: 0.05 + 0 * x * y, ground_z=0.05)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        T, v, w = random_motion(rng)
+        pose = ((0.01, -0.01, 0.05 + R - rng.uniform(0.005, 0.03)), T, v, w)
+        set_pose(flat, *pose), set_pose(patched, *pose)
+        assert patched.block[patched.slices["y"]] == pytest.approx(flat.block[flat.slices["y"]], rel=1e-9, abs=1e-9)
+
+
+def test_on_a_slope_the_wrench_turns_with_the_ground():
+    """A tilted plane under an equally tilted wheel: the flat ground's wrench, tilted. Tilt about the axle, so the rays do not change."""
+    T, v, w = axis_rotation(2, 0.4), np.array((0.1, 0.02, -0.01)), np.array((0.0, 1.0, 0.1))
+    flat = set_pose(on_patch(lambda x, y: 0 * x * y), (0, 0, R - 0.025), T, v, w)
+    for slope in (-0.4, -0.1, 0.3):
+        Q = axis_rotation(2, slope).T
+        inclined = on_patch(lambda x, y: -np.tan(slope) * x + 0 * y)  # noqa: B023
+        tilted = set_pose(inclined, Q @ (0, 0, R - 0.025), T @ Q.T, Q @ v, Q @ w)
+        assert tilted.f_0 == pytest.approx(Q @ flat.f_0, abs=1e-8)
+        assert tilted.t_0 == pytest.approx(Q @ flat.t_0, abs=1e-8)
+        assert inclined.y.contact[0].axes[2] == pytest.approx(Q @ (0, 0, 1), abs=1e-12)
+
+
+def test_a_slope_is_followed_without_lag_and_a_step_in_the_plane_is_smoothed():
+    instance = on_patch(lambda x, y: 0.2 * x + 0 * y)
+    T = np.eye(3)
+    loads = [set_pose(instance, (x, 0, R - 0.02 + 0.2 * x), T, (0, 0, 0), (0, 0, 0)).f_0.copy() for x in np.linspace(0, 0.02, 20)]
+    assert np.ptp(loads, axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
+    before = loads[-1][2]
+    instance.u.patch[0].z += 0.005
+    force = [set_pose(instance, (0.02, 0, R - 0.016), T, (0, 0, 0), (0, 0, 0)).f_0[2] for _ in range(200)]
+    assert before < force[0] < before + 0.1 * (force[-1] - before)
+    assert force[20] - before == pytest.approx((1 - np.exp(-21 / 20)) * (force[-1] - before), rel=0.1)
+    assert force[-1] == pytest.approx(
+        set_pose(on_patch(lambda x, y: 0.2 * x + 0.005), (0.02, 0, R - 0.016), T, (0, 0, 0), (0, 0, 0)).f_0[2], rel=1e-3
+    )
+
+
+def test_a_wall_pushes_the_wheel_back_into_its_rut():
+    rut = on_patch(lambda x, y: np.clip((np.abs(y) - 0.05) * 0.7, 0, 0.03) + 0 * x)
+    centre = set_pose(rut, (0, 0, R - 0.02), np.eye(3), (0, 0, 0), (0, 0, 0)).f_0.copy()
+    assert centre[1] == pytest.approx(0.0, abs=1e-9)
+    rut.initialise()
+    beside = set_pose(rut, (0, 0.03, R - 0.02), np.eye(3), (0, 0, 0), (0, 0, 0)).f_0
+    assert beside[1] < -5.0
+
+
+def test_the_plane_turns_gently_when_a_wheel_meets_a_wall():
+    """Crossing into a wall of 35 degrees at 0.125 m/s: at most 0.4 degrees per millisecond."""
+    instance = on_patch(lambda x, y: np.clip((y - 0.03) * 0.7, 0, 0.03) + 0 * x)
+    normals = []
+    for y in np.arange(-0.05, 0.05, 0.125e-3):
+        set_pose(instance, (0, y, R - 0.02), np.eye(3), (0, 0.125, 0), (0, 0, 0))
+        normals.append(instance.y.contact[0].axes[2].copy())
+    assert np.ptp(np.array(normals)[:, 1]) > 0.2
+    assert np.degrees(np.linalg.norm(np.diff(normals, axis=0), axis=1)).max() < 0.4
+
+
+def test_a_wheel_above_its_patch_is_free():
+    instance = on_patch(lambda x, y: 0 * x * y)
+    wrench = set_pose(instance, (0, 0, R + 0.011), np.eye(3), (0.1, 0, 0), (0, 1, 0))
+    assert not wrench.f_0.any() and instance.y.contact[0].in_contact == 0.0
+    assert instance.y.diagnostics[0].sinkage == pytest.approx(-0.011)
+
+
+def test_touchdown_on_a_patch_is_continuous():
+    instance = on_patch(lambda x, y: 0.1 * x + 0.05 * y)
+    forces = [set_pose(instance, (0, 0, z), np.eye(3), (0.1, 0, 0), (0, 1, 0)).f_0.copy() for z in np.linspace(R + 0.02, R - 0.005, 2000)]
+    assert np.abs(np.diff(forces, axis=0)).max() < 0.1
