@@ -1,0 +1,334 @@
+"""The command line ``cdl``: reads options, calls the library, prints. Whatever is slow to import is imported inside a command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from typer.core import TyperGroup
+
+_EXAMPLES = {
+    "run": "cdl run two_wheel --tiers BCM,BCM --stop-time 2 --set soil.phi=0.6",
+    "build": "cdl build --out my_fmus",
+    "info": "cdl info cdl_bcm_w2",
+    "plot": "cdl plot results/two_wheel -o drive.pdf",
+    "export": "cdl export two_wheel -o rover.ssp",
+    "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
+    "doctor": "cdl doctor",
+}
+
+# What users can cause and mend, by module: the message says how, so a traceback would only hide it.
+_REFUSALS = {
+    "cdl_fmu.slave.model": "ModelError",
+    "cdl_fmu.soil": "SoilError",
+    "orchestrator.experiment": "ExperimentError",
+    "orchestrator.fmu": "SlaveError",
+    "orchestrator.results": "ResultError",
+    "orchestrator.run": "RunError",
+    "orchestrator.ssp": "SspError",
+}
+
+
+def _is_refusal(error: Exception) -> bool:
+    # A class whose module was never imported cannot have been raised.
+    known = tuple(getattr(sys.modules[module], name) for module, name in _REFUSALS.items() if module in sys.modules)
+    return isinstance(error, known) or (isinstance(error, OSError) and error.filename is not None)
+
+
+class _Commands(TyperGroup):
+    """Ends a refused command with its message alone; bugs keep their traceback."""
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            _say("interrupted")
+            raise typer.Exit(130) from None
+        except Exception as error:
+            if not _is_refusal(error):
+                raise
+            _say(f"error: {error.filename}: {error.strerror}" if isinstance(error, OSError) else f"error: {error}")
+            raise typer.Exit(2) from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="\n\n".join(["Examples:", *_EXAMPLES.values()]),
+)
+
+Tiers = Annotated[str | None, typer.Option(metavar="FRONT,REAR", help="Contact model of each wheel, in place of the experiment's.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A value in place of the experiment's, e.g. soil.phi=0.6; may be repeated."),
+]
+Scheme = Literal["ij", "gs-mid", "gs", "jacobi", "aitken"]
+Result = Annotated[Path, typer.Argument(metavar="RESULT", help="result.nc, or the folder of a run.")]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"cdl-fmu {version('cdl-fmu')}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")] = False,
+) -> None:
+    """Contact Dynamics Library: wheel-ground contact for planetary rovers as co-simulation FMUs."""
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['run']}")
+def run(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="A shipped experiment (two_wheel), an experiment's .toml, or an .ssp package.")
+    ],
+    tiers: Tiers = None,
+    settings: Settings = None,
+    stop_time: Annotated[float | None, typer.Option(metavar="S", help="End of the run, in s.")] = None,
+    step: Annotated[float | None, typer.Option(metavar="S", help="Communication step, in s.")] = None,
+    scheme: Annotated[Scheme | None, typer.Option(help="How the FMUs are coupled.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder to write. Default: results/<name>, or the checkpoint's.")] = None,
+    checkpoint_every: Annotated[float | None, typer.Option(metavar="S", help="Simulated time between checkpoints, in s.")] = None,
+    resume: Annotated[Path | None, typer.Option(metavar="CHECKPOINT", help="Go on from a checkpoint, with the options of its run.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")] = False,
+) -> None:
+    """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder."""
+    _require_platform()
+    from .drive import simulate
+    from .results import open_result
+    from .terminal import follow
+
+    if out is None and resume is not None:
+        out = resume.parent
+    with follow(quiet=as_json) as display:
+        outcome = simulate(
+            source,
+            out,
+            tiers=_tiers(tiers),
+            overrides=_overrides(settings),
+            scheme=scheme,
+            step=step,
+            stop_time=stop_time,
+            checkpoint_every=checkpoint_every,
+            resume=resume,
+            progress=display.progress,
+            status=display.status,
+        )
+    result = open_result(outcome.result)
+    wheels = _wheels(result)
+    if as_json:
+        facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")}
+        print(json.dumps({**facts, "result": str(outcome.result), "wheels": wheels}))
+    else:
+        _summarise(outcome, wheels, resumed=resume is not None)
+    for warning in outcome.warnings:
+        _say(f"warning: {warning}")
+    if outcome.status == "interrupted":
+        _say(f"interrupted at t = {outcome.simulated_s:g} s; all steps so far are in {outcome.result}")
+        raise typer.Exit(130)
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['build']}")
+def build(
+    out: Annotated[Path | None, typer.Option(help="Folder to write. Default: fmus/build of a checkout, else ./fmus/build.")] = None,
+) -> None:
+    """Build every shipped FMU, for use in other tools. Runs need no build: they use a cache."""
+    _require_platform()
+    from cdl_fmu.slave.build import build_fmu
+    from fmus import SHIPPED
+
+    from .terminal import output, table
+
+    folder = out or _build_folder()
+    rows = table("FMU", "model", "inputs", "outputs", "parameters", right=("inputs", "outputs", "parameters"))
+    for model in SHIPPED:
+        path = build_fmu(model, folder / f"{model.identifier}.fmu")
+        first_line = (type(model).__doc__ or "").split("\n")[0]
+        rows.add_row(path.name, first_line, *(str(len(record)) for record in (model.inputs, model.outputs, model.parameters)))
+    output().print(rows)
+    print(f"written to {folder}")
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['info']}")
+def info(
+    what: Annotated[str, typer.Argument(metavar="FMU|RESULT", help="An .fmu of any tool, a shipped FMU's name, or a result.")],
+) -> None:
+    """Show an FMU's parameters, inputs and outputs, or what a result holds."""
+    from .info import describe
+    from .terminal import output
+
+    output().print(*describe(what), sep="\n")
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['plot']}")
+def plot(
+    result: Result,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Picture to write, .png, .pdf or .svg. Default: beside the result.")
+    ] = None,
+) -> None:
+    """Draw a result: forces and sinkage of the wheels, and their paths."""
+    from .report import plot as draw
+    from .results import open_result
+
+    figure = draw(open_result(result))
+    out = _prepared(out or _beside(result, ".png"))
+    if out.suffix[1:] not in figure.canvas.get_supported_filetypes():
+        raise typer.BadParameter(f"{out}: choose a name that ends in .png, .pdf or .svg", param_hint="--out")
+    figure.savefig(out)
+    print(out)
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['export']}")
+def export(
+    source: Annotated[str, typer.Argument(metavar="EXPERIMENT|RESULT", help="An experiment, to become an SSP package, or a result.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write. Default: <experiment>.ssp, or beside the result.")] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write a result as CSV, as FMPy does.")] = False,
+    mat: Annotated[bool, typer.Option("--mat", help="Write a result as MAT trajectories for Modelica tools.")] = False,
+    tiers: Tiers = None,
+    settings: Settings = None,
+) -> None:
+    """Write an experiment as an SSP package for other tools, or a result as CSV or MAT."""
+    if csv and mat:
+        raise typer.BadParameter("choose one of them", param_hint="--csv, --mat")
+    if csv or mat:
+        from .export import to_csv, to_mat
+        from .results import open_result
+
+        out = _prepared(out or _beside(Path(source), ".csv" if csv else ".mat"))
+        (to_csv if csv else to_mat)(open_result(source), out)
+    elif Path(source).is_dir() or Path(source).suffix == ".nc":
+        raise typer.BadParameter(f"{source} is a result: add --csv or --mat", param_hint="EXPERIMENT|RESULT")
+    else:
+        from .experiment import load_experiment
+
+        experiment = load_experiment(source, tiers=_tiers(tiers), overrides=_overrides(settings))
+        out = _prepared(out or Path(f"{experiment.name}.ssp"))
+        experiment.write_system(out)
+    print(out)
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['diff']}")
+def diff(
+    result: Result,
+    baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="The result to compare with.")],
+    rtol: Annotated[float, typer.Option(metavar="R", min=0.0, help="Allowed difference, relative to each signal's largest magnitude.")],
+    atol: Annotated[float, typer.Option(metavar="A", min=0.0, help="Allowed difference in each signal's unit.")] = 0.0,
+) -> None:
+    """Compare a result with a baseline: exit code 0 if they agree, 1 with the first signal and time that differ."""
+    from .results import open_result
+    from .results_diff import diff_results
+
+    found = diff_results(open_result(result), open_result(baseline), rtol, atol)
+    print(found or f"{result} agrees with {baseline} (rtol {rtol:g}, atol {atol:g})")
+    raise typer.Exit(1 if found else 0)
+
+
+@app.command()
+def doctor() -> None:
+    """Check that this machine can build and run FMUs; exit code 1 if not, with what to do."""
+    from .doctor import examine
+    from .terminal import output
+
+    console, failed = output(), 0
+    for finding in examine():
+        console.print(f"{finding.state:6} ", end="", style={"ok": "green", "note": "yellow", "failed": "bold red"}[finding.state])
+        console.print(f"{finding.what}: {finding.detail}", soft_wrap=True)
+        if finding.remedy:
+            console.print(f"       {finding.remedy}", soft_wrap=True)
+        failed += finding.state == "failed"
+    console.print(f"{failed} failed" if failed else "all is well", style="bold")
+    raise typer.Exit(1 if failed else 0)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def _require_platform() -> None:
+    if sys.platform not in ("linux", "win32"):
+        _say(
+            f"error: FMUs run on Linux and Windows, not on {sys.platform}: use one of them or a container; "
+            "results can be plotted, compared and exported here, and the models called from Python"
+        )
+        raise typer.Exit(2)
+
+
+def _tiers(text: str | None) -> list[str] | None:
+    return None if text is None else [tier.strip() for tier in text.split(",")]
+
+
+def _overrides(settings: list[str] | None) -> dict[str, object]:
+    """Values as TOML has them; bare words are text, so that options need no quotes."""
+    import tomllib
+
+    overrides: dict[str, object] = {}
+    for setting in settings or ():
+        key, equals, text = setting.partition("=")
+        if not (key and equals):
+            raise typer.BadParameter(f"{setting!r}: write KEY=VALUE, e.g. soil.phi=0.6", param_hint="--set")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        overrides[key.strip()] = value
+    return overrides
+
+
+def _wheels(result) -> list[dict]:
+    from .report import summary
+
+    return summary(result) if json.loads(result.attrs["wheels"]) else []
+
+
+def _summarise(outcome, wheels: list[dict], resumed: bool) -> None:
+    from .terminal import output, table
+
+    end = outcome.simulated_s
+    # A resumed run has simulated less than that in its wall time.
+    speed = "" if resumed else f" ({end / max(outcome.wall_s, 1e-9):.3g} x real time)"
+    done = "resumed, up to" if resumed else "simulated"
+    print(f"{done} {end:g} s in {outcome.wall_s:.3g} s{speed}, scheme {outcome.scheme}, step {outcome.step_s * 1e3:g} ms")
+    if wheels:
+        numbers = {"sinkage [mm]": ("sinkage_m", 1e3), "z [mm]": ("z_m", 1e3)}
+        numbers |= {f"{name} [N]": (f"{name.lower()}_N", 1.0) for name in ("F_long", "F_lat", "F_n")}
+        rows = table(
+            "wheel", "tier", *numbers, right=numbers, caption=f"means over the last {min(0.5, end):g} s; forces in the heading frame"
+        )
+        for wheel in wheels:
+            rows.add_row(wheel["name"], wheel["tier"], *(f"{wheel[key] * factor:z.2f}" for key, factor in numbers.values()))
+        output().print(rows)
+    for name in ("result.nc", "result.png", "system.ssp"):
+        if (path := outcome.result.with_name(name)).exists():
+            print(path)
+
+
+def _build_folder() -> Path:
+    """``fmus/build`` of the checkout that this package is run from, else of the current folder."""
+    import os
+
+    root = Path(__file__).resolve().parents[1]
+    is_checkout = (root / ".git").exists() and os.access(root / "fmus", os.W_OK)
+    return (root if is_checkout else Path()) / "fmus" / "build"
+
+
+def _beside(result: Path, suffix: str) -> Path:
+    from .results import FILE_NAME
+
+    return (result / FILE_NAME if result.is_dir() else result).with_suffix(suffix)
+
+
+def _prepared(out: Path) -> Path:
+    """``out``, its folder made if needed."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    return out
