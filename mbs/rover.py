@@ -42,42 +42,41 @@ class Rover(Model):
         )
     }
 
+    parameters = ENVIRONMENT | Record(
+        wheel_base=Real(0.6, "m", "Distance of the wheel centres (Table 8.2)", min=1e-3, max=100.0),
+        mass=Real(50.0, "kg", "Point mass in the middle between the wheels (Table 8.2)", min=1e-3, max=1e5),
+        mass_height=Real(0.1, "m", "Height of the point mass above the wheel centres (Table 8.2)", min=-10.0, max=10.0),
+        wheel_mass=Real(_MASS, "kg", "Mass of one wheel (Table 8.2)", min=1e-3, max=1e4),
+        wheel_inertia_axle=Real(
+            _MASS * _RADIUS**2 / 2, "kg.m2", "Inertia of a wheel about its axle (assumption: solid cylinder)", min=1e-6, max=1e4
+        ),
+        wheel_inertia_diameter=Real(
+            _MASS * (3 * _RADIUS**2 + _WIDTH**2) / 12,
+            "kg.m2",
+            "Inertia of a wheel about a diameter (assumption: solid cylinder)",
+            min=1e-6,
+            max=1e4,
+        ),
+        wheel_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the wheel rate servo (assumption: stiff)", min=0.0, max=1e7),
+        steer_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the steering rate servo (assumption: stiff)", min=0.0, max=1e7),
+        start=Record(
+            x=Real(0.3, "m", "Start position of the middle between the wheel centres; 0.3 puts the rear wheel at 0", (), -_LIMIT, _LIMIT),
+            y=Real(0.0, "m", "Start position of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
+            z=Real(_RADIUS, "m", "Start height of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
+            yaw=Real(0.0, "rad", "Start heading from the x axis, positive to the left", (), -10.0, 10.0),
+            pitch=Real(0.0, "rad", "Start pitch, positive nose down", (), -1.5, 1.5),
+        ),
+        with_inverse_inertia=Choice(
+            "Output of the inverse inertia at the contacts, for a master's stability guard", off="none", on="each step"
+        ),
+    )
+
     def __init__(self, n_wheels: int = 2):
         super().__init__(n_wheels=n_wheels)
         if n_wheels != len(STEERED):
             raise ModelError(f"n_wheels = {n_wheels}: the rover of Table 8.2 has {len(STEERED)} wheels")
         n, n_joints = n_wheels, 5 + n_wheels + sum(STEERED)
         self.identifier = f"cdl_rover_w{n}"
-        self.parameters = ENVIRONMENT | Record(
-            wheel_base=Real(0.6, "m", "Distance of the wheel centres (Table 8.2)", min=1e-3, max=100.0),
-            mass=Real(50.0, "kg", "Point mass in the middle between the wheels (Table 8.2)", min=1e-3, max=1e5),
-            mass_height=Real(0.1, "m", "Height of the point mass above the wheel centres (Table 8.2)", min=-10.0, max=10.0),
-            wheel_mass=Real(_MASS, "kg", "Mass of one wheel (Table 8.2)", min=1e-3, max=1e4),
-            wheel_inertia_axle=Real(
-                _MASS * _RADIUS**2 / 2, "kg.m2", "Inertia of a wheel about its axle (assumption: solid cylinder)", min=1e-6, max=1e4
-            ),
-            wheel_inertia_diameter=Real(
-                _MASS * (3 * _RADIUS**2 + _WIDTH**2) / 12,
-                "kg.m2",
-                "Inertia of a wheel about a diameter (assumption: solid cylinder)",
-                min=1e-6,
-                max=1e4,
-            ),
-            wheel_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the wheel rate servo (assumption: stiff)", min=0.0, max=1e7),
-            steer_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the steering rate servo (assumption: stiff)", min=0.0, max=1e7),
-            start=Record(
-                x=Real(
-                    0.3, "m", "Start position of the middle between the wheel centres; 0.3 puts the rear wheel at 0", (), -_LIMIT, _LIMIT
-                ),
-                y=Real(0.0, "m", "Start position of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
-                z=Real(_RADIUS, "m", "Start height of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
-                yaw=Real(0.0, "rad", "Start heading from the x axis, positive to the left", (), -10.0, 10.0),
-                pitch=Real(0.0, "rad", "Start pitch, positive nose down", (), -1.5, 1.5),
-            ),
-            with_inverse_inertia=Choice(
-                "Output of the inverse inertia at the contacts, for a master's stability guard", off="none", on="each step"
-            ),
-        )
         self.inputs = wheel_wrench(n) | contact_jacobian(n) | commands(n)
         self.state = Record(
             q=Real(0.0, "1", "x, y, z, yaw, pitch, then per wheel steering angle (where it steers) and wheel angle [m, rad]", (n_joints,)),
