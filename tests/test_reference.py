@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from linear_spring import LinearSpring
 
-from cdl_fmu.slave.model import Instance
+from cdl_fmu.bcm import BCM
+from cdl_fmu.slave.model import Instance, ModelError
 from mbs.driver import Driver
 from mbs.rover import Rover
 from mbs.rover_mjcf import two_wheel
@@ -105,3 +106,11 @@ def test_rover_at_1_ms_follows_the_reference():
 def test_a_start_with_a_jump_is_refused():
     with pytest.raises(ValueError, match="start_ramp = 0 s: the reference needs a wheel rate without jumps"):
         simulate_reference(*parts(start_ramp=0.0), stop_time=1.0)
+
+
+def test_a_refused_pose_gives_the_contact_models_message():
+    contact = Instance(BCM(n_wheels=2))
+    _, rover, driver = parts()
+    rover.set_parameter("start.z", -0.2)
+    with pytest.raises(ModelError, match="wheel 1 is buried"):
+        simulate_reference(contact, rover, driver, stop_time=0.01)
