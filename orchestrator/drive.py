@@ -14,7 +14,7 @@ from .run import Outcome, RunError, run
 from .ssp import read_system
 from .wheels import ground_of, wheels_of
 
-_UNPACKED = platformdirs.user_cache_path("cdl-fmu") / "unpacked"
+UNPACKED = platformdirs.user_cache_path("cdl-fmu") / "unpacked"
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
 
@@ -64,7 +64,7 @@ def simulate(
 
         experiment = load_experiment(source, tiers=tiers, overrides=overrides)
         settings = experiment.settings
-        scheme, step = scheme or settings.scheme, step or settings.step
+        scheme, step = scheme or settings.scheme, settings.step if step is None else step
         record_interval = max(settings.record_interval, step)
         attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
         status("settling the rover and building the FMUs")
@@ -74,13 +74,13 @@ def simulate(
         if stop_time is None:
             stop_time = settings.stop_time
     status("loading the FMUs")
-    system = read_system(package, _UNPACKED)
+    system = read_system(package, UNPACKED)
     attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system)}
     outcome = run(
         system,
         out,
         scheme=scheme or "ij",
-        step=step or system.step_size or 1e-3,
+        step=(system.step_size or 1e-3) if step is None else step,
         stop_time=stop_time,
         record_interval=record_interval,
         attributes=attributes,

@@ -1,4 +1,4 @@
-"""Experiments: TOML files that people write, checked against the models' records and turned into a system of FMUs."""
+"""Experiments: TOML files that people write, checked against the models' records."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cdl_fmu.slave.build import cached_fmu
 from cdl_fmu.slave.interface import ENVIRONMENT
-from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
+from cdl_fmu.slave.model import Instance, ModelError, describe_violation, parse_value
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil
 from cdl_fmu.wheel import WHEEL
@@ -21,12 +20,8 @@ from fmus import EXPERIMENTS, TIERS
 from mbs.driver import Driver
 from mbs.rover import Rover
 
+from .assemble import WHEELS, assemble
 from .schemes import SCHEMES
-from .settle import settle
-from .ssp import Connection, write_system
-
-#: Wheels of the rover, in the order of its ports.
-WHEELS = ("front", "rear")
 
 #: The [run] section.
 RUN = Record(
@@ -79,6 +74,8 @@ def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, o
         table = tables
         for section in sections:
             table = table.setdefault(section, {})
+            if not isinstance(table, dict):
+                raise ExperimentError(f"--set {key}: {section} is a value, not a section")
         table[last] = value
     return Experiment(path, text, tables, frozenset(overrides or ()))
 
@@ -95,6 +92,9 @@ class Experiment:
     def __init__(self, path: Path, text: str, tables: Mapping, overridden: frozenset[str]):
         self.name, self.text = path.stem, text
         self._file, self._overridden = path.name, overridden
+        for key, value in tables.items():
+            if key != "title" and not isinstance(value, Mapping):
+                raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
         self._rover, self._driver = Rover(), Driver()
@@ -117,63 +117,30 @@ class Experiment:
         scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
         self.settings = Settings(scheme=scheme, **run)
 
-    def write_system(self, path: Path) -> None:
-        """Write the experiment as an SSP package: settled start poses, FMUs with their start values, connections, stop time."""
+    def instances(self) -> dict[str, Instance]:
+        """A new instance of each part by name, with the experiment's parameters; the rover is where the user or the record puts it."""
         shared = {**self._values["environment"], **self._values["soil"], **self._values["wheel"]}
-        instances: dict[str, Instance] = {}
-
-        def instance(name: str, model: Model) -> Instance:
-            made = instances[name] = Instance(model, name)
+        made = {}
+        for name, model in {"rover": self._rover, "driver": self._driver, **{t.lower(): m for t, m in self._models.items()}}.items():
+            made[name] = Instance(model, name)
             own = {s.name for s in model.scalars["p"]}
-            made.set_starts({k: v for k, v in shared.items() if k in own} | self._values[name])
-            return made
+            made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values[name])
+        return made
 
-        rover, driver = instance("rover", self._rover), instance("driver", self._driver)
-        contacts, connections = [], _connect("rover", rover, "driver", driver) + _connect("driver", driver, "rover", rover)
-        for tier, model in self._models.items():
-            contact = instance(tier.lower(), model)
-            wheels = [i for i, name in enumerate(WHEELS) if self.tiers[name] == tier]
-            contacts.append((contact, wheels))
-            ports = {j + 1: i + 1 for i, j in enumerate(wheels)}
-            connections += _connect("rover", rover, contact.name, contact, ports)
-            connections += _connect(contact.name, contact, "rover", rover, {i: j for j, i in ports.items()})
+    @property
+    def start_is_given(self) -> bool:
+        """True if the user gives the rover's start height or pitch, so that it is not settled on its contacts."""
+        return not {"start.z", "start.pitch"}.isdisjoint(self._values["rover"])
+
+    def write_system(self, path: Path) -> None:
+        """Write the experiment as an SSP package.
+
+        Raises ExperimentError if its values, each within its bounds, do not fit together.
+        """
         try:
-            self._start(rover, contacts)
-            starts = {name: _changed_starts(i) for name, i in instances.items()}
-            write_system(
-                path,
-                self.name,
-                {name: cached_fmu(i.model, starts[name]) for name, i in instances.items()},
-                connections,
-                parameters={name: _parameters(i, starts[name]) for name, i in instances.items()},
-                stop_time=self.settings.stop_time,
-                step_size=self.settings.step,
-                observed=[(c.name, s.name) for c, _ in contacts for s in c.model.scalars["y"] if s.name.startswith("diagnostics[")],
-            )
+            assemble(self).write(path)
         except ModelError as error:
             raise ExperimentError(f"{self._file}: {error}") from error
-
-    def _start(self, rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> None:
-        """Set the rover's start pose to rest on the ground, unless the user gives one, and the contacts' start poses to match."""
-        r_w = next(float(c.p.r_w) for c, _ in contacts)
-        ground = next(float(c.p.ground_z) for c, _ in contacts)
-        if {"start.z", "start.pitch"} & self._values["rover"].keys():
-            rover.initialise()
-            for name, z in zip(WHEELS, rover.y["wheel"]["r_0"][:, 2]):
-                where = f"rover.start.z puts the axle of wheel {name} {abs(z - ground):.4g} m"
-                remedy = f"use a start.z between {ground:g} and {ground + 2 * r_w:g} m, or leave it out to start from equilibrium"
-                if z < ground:
-                    raise ModelError(f"{where} below the surface: {remedy}")
-                if z > ground + 2 * r_w:
-                    raise ModelError(f"{where} above the surface, its rim more than the wheel's radius above it: {remedy}")
-        else:
-            rover.set_starts({"start.z": ground + r_w + float(contacts[0][0].p.h_g)})
-            rover.set_starts(settle(rover, contacts))
-            rover.initialise()
-        for contact, wheels in contacts:
-            for part in ("r_0", "T"):
-                contact.u["wheel"][part] = rover.y["wheel"][part][wheels]
-            contact.u["wheel"]["v_0"] = contact.u["wheel"]["w_0"] = 0.0
 
     # -- checks
 
@@ -250,34 +217,3 @@ def _flat(table: Mapping, prefix: str = ""):
 
 def _without(record: Record, other: Record) -> Record:
     return Record(**{name: field for name, field in record.fields.items() if name not in other.fields})
-
-
-def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[int, int] | None = None) -> list[Connection]:
-    """Connect outputs of a to the inputs of b that have the same name, ports renumbered where a port number's map is given."""
-    inputs = {s.name for s in b.model.scalars["u"]}
-    connections = []
-    for scalar in a.model.scalars["y"]:
-        name = scalar.name
-        if ports is not None and (port := re.match(r"(wheel|contact)\[(\d+)\]", name)):
-            if int(port[2]) not in ports:
-                continue
-            name = f"{port[1]}[{ports[int(port[2])]}]{name[port.end() :]}"
-        if name in inputs:
-            connections.append(Connection(source, scalar.name, target, name))
-    return connections
-
-
-def _changed_starts(instance: Instance) -> dict[str, float]:
-    """Start values of parameters and inputs that differ from the records'."""
-    block = instance.block
-    return {
-        s.name: float(block[instance.slices[part].start + s.offset])
-        for part in ("p", "u")
-        for s in instance.model.scalars[part]
-        if block[instance.slices[part].start + s.offset] != s.start
-    }
-
-
-def _parameters(instance: Instance, starts: Mapping[str, float]) -> dict[str, float | int]:
-    fields = {s.name: s.field for s in instance.model.scalars["p"]}
-    return {name: int(v) if isinstance(fields[name], Choice) else v for name, v in starts.items() if name in fields}

@@ -1,0 +1,120 @@
+"""An experiment as a system: its parts connected by name, started at rest, written as an SSP package."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cdl_fmu.slave.build import cached_fmu
+from cdl_fmu.slave.model import Instance, ModelError
+from cdl_fmu.slave.records import Choice
+
+from .settle import settle
+from .ssp import Connection, write_system
+
+#: Wheels of the rover, in the order of its ports.
+WHEELS = ("front", "rear")
+
+
+@dataclass
+class Assembly:
+    """The parts of an experiment, ready to start: instances by name and their connections."""
+
+    name: str
+    instances: dict[str, Instance]
+    connections: list[Connection]
+    stop_time: float
+    step: float
+
+    def write(self, path: Path) -> None:
+        """Write an SSP package whose FMUs hold all start values, so that any master starts alike."""
+        starts = {name: _changed_starts(i) for name, i in self.instances.items()}
+        write_system(
+            path,
+            self.name,
+            {name: cached_fmu(i.model, starts[name]) for name, i in self.instances.items()},
+            self.connections,
+            parameters={name: _parameters(i, starts[name]) for name, i in self.instances.items()},
+            stop_time=self.stop_time,
+            step_size=self.step,
+            observed=[
+                (name, s.name) for name, i in self.instances.items() for s in i.model.scalars["y"] if s.name.startswith("diagnostics[")
+            ],
+        )
+
+
+def assemble(experiment) -> Assembly:
+    """Connect the parts of an :class:`~orchestrator.experiment.Experiment` and set them to its start, at rest on the ground.
+
+    Raises ModelError if values do not fit together.
+    """
+    instances = experiment.instances()
+    rover, driver = instances["rover"], instances["driver"]
+    connections = _connect("rover", rover, "driver", driver) + _connect("driver", driver, "rover", rover)
+    contacts = []
+    for tier in dict.fromkeys(experiment.tiers.values()):
+        name = tier.lower()
+        wheels = [i for i, wheel in enumerate(WHEELS) if experiment.tiers[wheel] == tier]
+        contacts.append((instances[name], wheels))
+        ports = {j + 1: i + 1 for i, j in enumerate(wheels)}
+        connections += _connect("rover", rover, name, instances[name], ports)
+        connections += _connect(name, instances[name], "rover", rover, {i: j for j, i in ports.items()})
+    _start(rover, contacts, experiment.start_is_given)
+    settings = experiment.settings
+    return Assembly(experiment.name, instances, connections, settings.stop_time, settings.step)
+
+
+def _start(rover: Instance, contacts: list[tuple[Instance, list[int]]], is_given: bool) -> None:
+    """Set the rover's start pose to rest on the ground, unless the user gives one, and the contacts' start poses to match."""
+    p = contacts[0][0].p
+    r_w, ground = float(p.r_w), float(p.ground_z)
+    if is_given:
+        rover.initialise()
+        for name, z in zip(WHEELS, rover.y["wheel"]["r_0"][:, 2]):
+            where = f"rover.start.z = {float(rover.p.start.z):g} m puts the axle of wheel {name} {abs(z - ground):.4g} m"
+            remedy = f"use a start.z between {ground:g} and {ground + 2 * r_w:g} m, or leave it out to start from equilibrium"
+            if z < ground:
+                raise ModelError(f"{where} below the surface: {remedy}")
+            if z > ground + 2 * r_w:
+                raise ModelError(f"{where} above the surface, its rim more than the wheel's radius above it: {remedy}")
+    else:
+        rover.set_starts({"start.z": ground + r_w + float(p.h_g)})
+        rover.set_starts(settle(rover, contacts))
+        rover.initialise()
+    for contact, wheels in contacts:
+        for part in ("r_0", "T"):
+            contact.u["wheel"][part] = rover.y["wheel"][part][wheels]
+        contact.u["wheel"]["v_0"] = contact.u["wheel"]["w_0"] = 0.0
+
+
+def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[int, int] | None = None) -> list[Connection]:
+    """Connect outputs of a to the inputs of b that have the same name, ports renumbered where a port number's map is given."""
+    inputs = {s.name for s in b.model.scalars["u"]}
+    connections = []
+    for scalar in a.model.scalars["y"]:
+        name = scalar.name
+        if ports is not None and (port := re.match(r"(wheel|contact)\[(\d+)\]", name)):
+            if int(port[2]) not in ports:
+                continue
+            name = f"{port[1]}[{ports[int(port[2])]}]{name[port.end() :]}"
+        if name in inputs:
+            connections.append(Connection(source, scalar.name, target, name))
+    return connections
+
+
+def _changed_starts(instance: Instance) -> dict[str, float]:
+    """Start values of parameters and inputs that differ from the records'."""
+    block = instance.block
+    return {
+        s.name: float(block[instance.slices[part].start + s.offset])
+        for part in ("p", "u")
+        for s in instance.model.scalars[part]
+        if block[instance.slices[part].start + s.offset] != s.start
+    }
+
+
+def _parameters(instance: Instance, starts: Mapping[str, float]) -> dict[str, float | int]:
+    fields = {s.name: s.field for s in instance.model.scalars["p"]}
+    return {name: int(v) if isinstance(fields[name], Choice) else v for name, v in starts.items() if name in fields}
