@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import signal
 import threading
 import time
@@ -10,6 +11,7 @@ from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -72,11 +74,13 @@ def run(
         raise RunError("no stop time: the system has none, so give --stop-time S")
     n_steps = _whole(stop - start, step, "stop time")
     every = 1 if record_interval is None else max(1, _whole(record_interval, step, "record interval"))
-    checkpoint_steps = 0 if checkpoint_every is None else _whole(checkpoint_every, step, "checkpoint interval")
+    checkpoint_steps = 0 if checkpoint_every is None else _whole(checkpoint_every, step, "checkpoint interval", least=1)
     out.mkdir(parents=True, exist_ok=True)
     warnings: list[str] = []
     identity = _identity(system, scheme, step)
     saved = None if resume is None else _read_checkpoint(resume, identity)
+    if saved is not None and int(saved["step"]) > n_steps:
+        raise RunError(f"{resume} lies at t = {start + int(saved['step']) * step:g} s, after the stop time {stop:g} s; give a later one")
     earlier = None if resume is None else _earlier_rows(resume)
     master = Master(system, scheme, stop, warnings.append)
     recorded = [(key, i) for key, i in master.output_index.items() if master.records(*key)]
@@ -117,11 +121,13 @@ def run(
     return Outcome(out / FILE_NAME, start + k * step, wall, status, scheme, step, warnings)
 
 
-def _whole(duration: float, step: float, what: str) -> int:
-    if not step > 0.0:
+def _whole(duration: float, step: float, what: str, least: int = 0) -> int:
+    if not (math.isfinite(step) and step > 0.0):
         raise RunError(f"step = {step:g} s: it must be positive")
+    if not (math.isfinite(duration) and duration > (least - 0.5) * step):
+        raise RunError(f"{what} {duration:g} s: it must be finite and at least {least * step:g} s")
     n = round(duration / step)
-    if n < 0 or abs(n * step - duration) > 1e-9 * max(abs(duration), step):
+    if abs(n * step - duration) > 1e-9 * max(abs(duration), step):
         low = int(duration / step) * step
         raise RunError(f"{what} {duration:g} s is no multiple of the step {step:g} s; the nearest are {low:g} s and {low + step:g} s")
     return n
@@ -170,9 +176,11 @@ def _read_checkpoint(path: Path, identity: str) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as data:
             saved = dict(data)
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path} is no checkpoint that can be read: {error}") from error
-    if str(saved["identity"]) != identity:
+    except FileNotFoundError:
+        raise RunError(f"checkpoint {path} does not exist") from None
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise RunError(f"{path} is no checkpoint, or a damaged one: give a checkpoint_*.npz that 'cdl run' wrote") from error
+    if str(saved.get("identity")) != identity:
         raise RunError(
             f"{path} was written by another run (FMUs, parameters, scheme or step differ); resume it with those it was written with"
         )
