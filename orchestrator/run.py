@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from .fmu import SlaveError
 from .master import Master
 from .results import FILE_NAME, Channel, ResultWriter, open_result
 from .ssp import System
@@ -115,6 +116,8 @@ def run(
                     status = "interrupted"
                     break
             result.close(status)
+    except SlaveError as error:
+        raise SlaveError(f"{error}; the steps before it are in {out / FILE_NAME}") from error
     finally:
         master.close()
     wall = time.perf_counter() - began
