@@ -117,7 +117,8 @@ def run(
                     break
             result.close(status)
     except SlaveError as error:
-        raise SlaveError(f"{error}; the steps before it are in {out / FILE_NAME}") from error
+        warned = "".join(f"\nwarned before: {text}" for text in warnings)
+        raise SlaveError(f"{error}; the steps before it are in {out / FILE_NAME}{warned}") from error
     finally:
         master.close()
     wall = time.perf_counter() - began
