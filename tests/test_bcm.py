@@ -196,6 +196,15 @@ def test_sides_resist_a_sideways_wheel_by_rankine():
     assert -rim_only[1] == pytest.approx(math.tan(phi) * np.trapezoid(B * R * K_EQ * h ** SOIL["n"], theta), rel=1e-4)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_locked_wheel_creeps_under_a_lateral_load_by_the_velocity_law(share):
+    """Without static friction the creep speed is -V_j ln(1 - load/strength)."""
+    wheel = bcm(**BARE | dict(c=0, rho=0), V_j=0.02)
+    strength = -drive(wheel, 0.025, v=(0, 100.0, 0))[0][1]
+    speed = -0.02 * math.log(1 - share)
+    assert -drive(wheel, 0.025, v=(0, speed, 0))[0][1] == pytest.approx(share * strength, rel=1e-9)
+
+
 def test_yaw_meets_a_turning_moment():
     assert drive(bcm(), 0.025, v=(0.1, 0, 0), w=(0, 1, 0.5))[1][2] < -0.1
 

@@ -32,9 +32,9 @@ _LEAST_V_J = 1e-3
 
 
 @kernel
-def entry_angle(p, d, cos_g, height):
-    """Angle [rad] from nadir at which the circle of radius r_w cuts a plane ``height`` above the contact plane; 0 without contact."""
-    c = (d - height) / (p.r_w * cos_g)
+def entry_angle(p, d, cos_g):
+    """Angle [rad] from nadir at which the rim cuts the plane; 0 without contact."""
+    c = d / (p.r_w * cos_g)
     return math.acos(max(c, _DEEPEST)) if c < 1.0 else 0.0
 
 
@@ -55,8 +55,24 @@ def driving(p, travel):
 
 
 @kernel
+def shear_radius(p, N_phi):
+    """Radius [m] on which the soil shears: the rim, or the grousers' tips where the failure wedges of neighbouring grousers meet."""
+    r_tip = p.r_w + p.h_g
+    if p.n_g > 0.0 and p.h_g * math.sqrt(N_phi) >= 2.0 * math.pi / p.n_g * r_tip:
+        return r_tip
+    return p.r_w
+
+
+@kernel
 def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip):
     """Normal and shear stress on the rim, integrated over theta and, with camber or yaw, across the width.
+
+    Args:
+        k_eq: Bekker's modulus for the wheel's width [N/m^(n+2)].
+        r_s: Radius on which the soil shears [m], see shear_radius.
+        v_x, v_a, v_r, w_x, w_a, w_r: Velocity [m/s] and angular velocity [rad/s] of the wheel in its axes.
+        travel: Signed speed that shapes the contact [m/s].
+        slip: Slip, which moves the largest stress of Wong and Reece.
 
     Returns:
         fx, fa, fr [N], mx, ma, mr [N.m], stiffness along the plane's normal [N/m], damping along x, a and the normal [N.s/m],
@@ -66,7 +82,6 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
     front = exit_share(p.eta, -travel, p.V_theta)
     rear = exit_share(p.eta, travel, p.V_theta)
     two_part = p.normal_model == 2.0
-    parts = 2 if two_part else 1
     mapped = p.V_j_mode == 2.0
     shaped = driving(p, travel)
     tan_g = sin_g / cos_g
@@ -82,7 +97,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
     for j in range(1 if one_strip else len(_STRIPS)):
         xi = 0.5 * (left + right) + (0.0 if one_strip else 0.5 * (left - right) * _STRIPS[j])
         width = (left - right) * (1.0 if one_strip else 0.5 * _STRIP_WEIGHTS[j])
-        theta_1 = entry_angle(p, d + xi * sin_g, cos_g, 0.0)
+        theta_1 = entry_angle(p, d + xi * sin_g, cos_g)
         if width <= 0.0 or theta_1 <= 0.0:
             continue
         theta_front, theta_rear = front * theta_1, -rear * theta_1
@@ -91,12 +106,11 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
         cohesion = p.c * min(1.0, damping)  # no adhesion on separation
 
         # Wong & Reece: largest stress at theta_m, ahead of nadir in the direction of travel, at nadir while at rest.
-        theta_m = theta_front if travel >= 0.0 else theta_rear
+        # Part 0 is behind it, part 1 ahead; Bekker's stress has the second part only.
         lead, trail = (theta_front, theta_rear) if travel >= 0.0 else (theta_rear, theta_front)
-        if two_part:
-            theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * shaped
-        for part in range(parts):
-            start, end = (trail, lead) if not two_part else ((trail, theta_m) if part == 0 else (theta_m, lead))
+        theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * shaped if two_part else trail
+        for part in range(0 if two_part else 1, 2):
+            start, end = (trail, theta_m) if part == 0 else (theta_m, lead)
             half = 0.5 * abs(end - start)
             # One node more at the trailing end: how the arc grows with sinkage is part of the stiffness.
             for k in range(_N + (not two_part)):
@@ -111,7 +125,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                 sin, cos = math.sin(theta), math.cos(theta)
                 deepening = 1.0
                 cos_z = cos
-                if two_part and part == 0:
+                if part == 0:
                     mirror = wong_reece_mirror(theta, lead, trail, theta_m)
                     cos_z = math.cos(mirror)
                     slope = -(lead - theta_m) / (theta_m - trail)
@@ -156,7 +170,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
 
 
 @kernel
-def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left):
+def grousers(p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left):
     """Passive earth force on the grousers' faces, bearing and shear on their tips, all at the middle of the width.
 
     Args:
@@ -169,9 +183,7 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     fx = fa = fr = mx = ma = mr = k_z = d_x = d_y = d_z = 0.0
     r_tip = p.r_w + p.h_g
     pitch = 2.0 * math.pi / p.n_g
-    # Where the failure wedges of neighbouring grousers meet, the soil shears on the tips' cylinder instead (rim with r_s).
-    faces = p.h_g * math.sqrt(N_phi) < pitch * r_tip
-    theta_1 = entry_angle(p, d, cos_g, 0.0)
+    theta_1 = entry_angle(p, d, cos_g)
     # Behind the wheel the soil's surface is where the rim left it: below the plane by ``drop``, reached linearly from nadir on.
     theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
@@ -191,7 +203,7 @@ def grousers(p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         sin, cos = math.sin(theta), math.cos(theta)
         V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
         v_t = v_x * cos + v_r * sin
-        if faces:
+        if r_s < r_tip:  # else the soil between the grousers turns with them
             r_face = p.r_w + 0.5 * p.h_g
             v_face = v_t - w_a * r_face
             passive = cap * _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear)
@@ -259,7 +271,7 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
         fa [N], mx, mr [N.m], damping along a [N.s/m].
     """
     fa = mx = mr = d_y = 0.0
-    theta_1 = entry_angle(p, d - 0.5 * p.b_w * abs(sin_g), cos_g, 0.0)
+    theta_1 = entry_angle(p, d - 0.5 * p.b_w * abs(sin_g), cos_g)
     if theta_1 <= 0.0:
         return fa, mx, mr, d_y
     theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1

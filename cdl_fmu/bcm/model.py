@@ -263,8 +263,7 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     N_phi = flow_value(p.phi)
     toothed = p.n_g > 0.0 and p.h_g > 0.0
     r_tip = p.r_w + p.h_g if toothed else p.r_w
-    interlocked = toothed and p.h_g * math.sqrt(N_phi) >= 2.0 * math.pi / p.n_g * r_tip
-    r_s = r_tip if interlocked else p.r_w
+    r_s = loads.shear_radius(p, N_phi)
     fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength = loads.rim(
         p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip
     )
@@ -272,7 +271,7 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
         angle = math.atan2(-dot(T[2, 0], T[2, 1], T[2, 2], x_x, x_y, x_z), dot(T[2, 0], T[2, 1], T[2, 2], r_x, r_y, r_z))
         thrust_left = max(0.0, strength * r_tip / p.r_w - abs(thrust))
         gx, ga, gr, nx, na, nr, kz, ex, ey, ez = loads.grousers(
-            p, k_eq, tan_phi, N_phi, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left
+            p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left
         )
         fx, fa, fr, mx, ma, mr = fx + gx, fa + ga, fr + gr, mx + nx, ma + na, mr + nr
         k_z, d_x, d_y, d_z = k_z + kz, d_x + ex, d_y + ey, d_z + ez
@@ -305,11 +304,16 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
         contact.anchor.w_0[i] = w[i]
         for j in range(3):
             contact.anchor.T[i, j] = T[i, j]
+    _show(p, wheel, travel, slip, loads.entry_angle(p, d, cos_g), f, -ma, shown)
 
+
+@kernel
+def _show(p, wheel, travel, slip, theta_1, f, drive_torque, shown):
+    """Diagnostics, forces in the heading frame."""
+    v, a_x, a_y, a_z = wheel.v_0, wheel.T[1, 0], wheel.T[1, 1], wheel.T[1, 2]
     level = math.sqrt(a_x * a_x + a_y * a_y)
     h_x, h_y = a_y / level, -a_x / level  # heading, horizontal
     forward, sideward = v[0] * h_x + v[1] * h_y, v[1] * h_x - v[0] * h_y
-    theta_1 = loads.entry_angle(p, d, cos_g, 0.0)
     rear = loads.exit_share(p.eta, abs(travel), p.V_theta)
     shown.sinkage = p.ground_z - (wheel.r_0[2] - p.r_w * level - 0.5 * p.b_w * abs(a_z))
     shown.slip = slip
@@ -319,4 +323,4 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     shown.drawbar_pull = f[0] * h_x + f[1] * h_y
     shown.lateral_force = f[1] * h_x - f[0] * h_y
     shown.normal_load = f[2]
-    shown.drive_torque = -ma
+    shown.drive_torque = drive_torque
