@@ -76,12 +76,14 @@ class Slave:
         """False if the FMU says that no output depends on an input at the same time."""
         return any(o.dependencies is None or len(o.dependencies) > 0 for o in self.description.outputs)
 
-    def initialise(self, start_time: float, stop_time: float, parameters: dict) -> None:
-        """Set parameters and go through initialisation mode."""
+    def initialise(self, start_time: float, stop_time: float | None, parameters: dict, send_inputs: bool = False) -> None:
+        """Set parameters and, if asked, the bound inputs, and go through initialisation mode."""
         self._call("setupExperiment", self._fmu.setupExperiment, startTime=start_time, stopTime=stop_time)
         for name, value in parameters.items():
             self._set_parameter(name, value)
         self._call("enterInitializationMode", self._fmu.enterInitializationMode)
+        if send_inputs:
+            self.set(start_time)
         self._call("exitInitializationMode", self._fmu.exitInitializationMode)
 
     def _set_parameter(self, name: str, value) -> None:

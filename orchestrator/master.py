@@ -44,13 +44,17 @@ class Master:
             self.slaves = _in_order(slaves, system)
             self._connections = [c for c in system.connections if kind.sends(c.target_variable)]
             exchange = self._connect(slaves, explicit=kind.explicit)
-            for slave in self.slaves:
+            # Those without feedthrough first: the others evaluate their first outputs from what these send.
+            done: set[str] = set()
+            for slave in sorted(self.slaves, key=lambda s: s.has_feedthrough):
                 parameters = dict(system.components[slave.name].parameters)
                 if kind.explicit and "with_inverse_inertia" in slave.variables:
                     parameters["with_inverse_inertia"] = 2  # on: the guard needs it
-                slave.initialise(system.start_time, stop_time, parameters)
-            for slave in self.slaves:
+                exchange.route(slave)
+                fed_by = {c.source_component for c in self._connections if c.target_component == slave.name}
+                slave.initialise(system.start_time, stop_time, parameters, send_inputs=fed_by <= done)
                 slave.get(system.start_time)
+                done.add(slave.name)
             self.scheme = kind(exchange)
             self._guard = self._stability_guard(slaves) if kind.explicit else None
         except BaseException:

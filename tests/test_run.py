@@ -36,7 +36,7 @@ def test_a_checkpoint_of_another_run_is_refused(system, tmp_path):
     run(system, tmp_path / "a", checkpoint_every=0.1)
     with pytest.raises(RunError, match="written by another run"):
         run(system, tmp_path / "a", scheme="jacobi", resume=tmp_path / "a" / "checkpoint_0.100s.npz")
-    with pytest.raises(RunError, match="no checkpoint that can be read"):
+    with pytest.raises(RunError, match="is no checkpoint, or a damaged one"):
         run(system, tmp_path / "a", resume=tmp_path / "a" / "result.nc")
 
 

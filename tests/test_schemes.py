@@ -77,7 +77,7 @@ def test_mid_step_pose_is_the_pose_half_a_step_later():
     _move_on(u, at, dt)
     T = u[3:12].reshape(3, 3)
     assert u[:3] == pytest.approx([1.04, 2.05, 3.06])
-    assert T @ T.T == pytest.approx(np.eye(3), abs=1e-15)
+    assert pytest.approx(np.eye(3), abs=1e-15) == T @ T.T
     # A vector fixed to the body moves with w x r: T' is the body's rotation.
     r = np.array([0.1, 0.7, -0.3])
     assert T.T @ r == pytest.approx(r + dt * np.cross(rate, r), abs=1e-4)

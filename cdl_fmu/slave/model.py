@@ -104,7 +104,7 @@ class Instance:
         self.p, self.u, self.x, self.y = (a.view(np.recarray)[0] for a in self.arrays)
         self.warnings: list[str] = []
         self._warned: set[int] = set()
-        self._u = self.block[self.slices["u"]]
+        self._u, self._x = self.block[self.slices["u"]], self.block[self.slices["x"]]
         self._bounds = {part: _bounds(model.scalars[part]) for part in ("p", "u")}
         self._functions = None
         for key, value in parameters.items():
@@ -129,12 +129,20 @@ class Instance:
             self.block[offsets[name]] = value
 
     def initialise(self, t: float = 0.0) -> None:
-        """Check the parameters and set state and outputs at time t [s]."""
+        """Check the parameters and set state and outputs at time t [s], the outputs for the inputs as they are now."""
         self._check("p", "parameter")
         self.model.check(self.p)
         if self._functions is None:
             self._functions = self.model.bind(self)
         self._functions[0](t)
+        if self.model.feedthrough:
+            # A step of no length gives the outputs at t; it leaves no trace in the state, and what is missing yet may still come.
+            state = self._x.copy()
+            self._check("u", "input", f" at t = {t:.6g} s")
+            status = self._functions[1](t, 0.0)
+            if status and self.model.events[status % STATUS_SPAN].is_error:
+                self._report(status, t)
+            self._x[:] = state
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
