@@ -22,6 +22,7 @@ _EXAMPLES = {
 
 # What users can cause and mend, by module: the message says how, so a traceback would only hide it.
 _REFUSALS = {
+    "cdl_fmu.slave.kernel": "CacheError",
     "cdl_fmu.slave.model": "ModelError",
     "cdl_fmu.soil": "SoilError",
     "orchestrator.experiment": "ExperimentError",
@@ -96,8 +97,10 @@ def run(
     settings: Settings = None,
     stop_time: Annotated[float | None, typer.Option(metavar="S", help="End of the run, in s.")] = None,
     step: Annotated[float | None, typer.Option(metavar="S", help="Communication step, in s.")] = None,
-    scheme: Annotated[Scheme | None, typer.Option(help="How the FMUs are coupled.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder to write. Default: results/<name>, or the checkpoint's.")] = None,
+    scheme: Annotated[Scheme | None, typer.Option(help="How the FMUs are coupled. Default: the experiment's, else ij.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder to write. Default: results/<name>, or the checkpoint's.")
+    ] = None,
     checkpoint_every: Annotated[float | None, typer.Option(metavar="S", help="Simulated time between checkpoints, in s.")] = None,
     resume: Annotated[Path | None, typer.Option(metavar="CHECKPOINT", help="Go on from a checkpoint, with the options of its run.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")] = False,
@@ -140,7 +143,10 @@ def run(
 
 @app.command(epilog=f"Example:  {_EXAMPLES['build']}")
 def build(
-    out: Annotated[Path | None, typer.Option(help="Folder to write. Default: fmus/build of a checkout, else ./fmus/build.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder to write. Default: fmus/build of a checkout, else ./fmus/build."),
+    ] = None,
 ) -> None:
     """Build every shipped FMU, for use in other tools. Runs need no build: they use a cache."""
     _require_platform()
@@ -174,7 +180,7 @@ def info(
 def plot(
     result: Result,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Picture to write, .png, .pdf or .svg. Default: beside the result.")
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Picture to write, .png, .pdf or .svg. Default: beside the result.")
     ] = None,
 ) -> None:
     """Draw a result: forces and sinkage of the wheels, and their paths."""
@@ -192,7 +198,9 @@ def plot(
 @app.command(epilog=f"Example:  {_EXAMPLES['export']}")
 def export(
     source: Annotated[str, typer.Argument(metavar="EXPERIMENT|RESULT", help="An experiment, to become an SSP package, or a result.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write. Default: <experiment>.ssp, or beside the result.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="File to write. Default: <experiment>.ssp, or beside the result.")
+    ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write a result as CSV, as FMPy does.")] = False,
     mat: Annotated[bool, typer.Option("--mat", help="Write a result as MAT trajectories for Modelica tools.")] = False,
     tiers: Tiers = None,
@@ -234,7 +242,7 @@ def diff(
     raise typer.Exit(1 if found else 0)
 
 
-@app.command()
+@app.command(epilog=f"Example:  {_EXAMPLES['doctor']}")
 def doctor() -> None:
     """Check that this machine can build and run FMUs; exit code 1 if not, with what to do."""
     from .doctor import examine

@@ -73,14 +73,14 @@ def _fmu(component: Component) -> Iterator[str | Table]:
     for causality in ("parameter", "input", "output"):
         variables = {v.name: v for v in description.modelVariables if v.causality == causality}
         if variables:
-            columns = ["name", "start", "unit", "min", "max", "description"]
+            columns = ["name", "start", "unit", "bounds", "description"]
             if causality == "output":
                 columns.remove("start")
             rows = table(*columns, title=_count(len(variables), causality))
             facts = {name: (v.type, _unit(v), v.min, v.max, v.description) for name, v in variables.items()}
             for folded, names in fold(facts):
                 v = variables[names[0]]
-                cells = [folded, _unit(v), _short(v.min), _short(v.max), _meaning(v)]
+                cells = [folded, _unit(v), _bounds(v), _meaning(v)]
                 if causality != "output":
                     cells.insert(1, _starts([variables[name] for name in names]))
                 rows.add_row(*cells)
@@ -120,6 +120,13 @@ def _short(number: object) -> str:
         return "" if number is None else f"{float(number):.6g}"
     except ValueError:
         return str(number)
+
+
+def _bounds(variable: ScalarVariable) -> str:
+    low, high = _short(variable.min), _short(variable.max)
+    if low and high:
+        return f"{low} .. {high}"
+    return f">= {low}" if low else f"<= {high}" if high else ""
 
 
 def _starts(elements: list[ScalarVariable]) -> str:

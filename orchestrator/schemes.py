@@ -17,7 +17,7 @@ import re
 
 import numpy as np
 
-from .fmu import Slave
+from .fmu import Slave, SlaveError
 
 _JACOBIAN = re.compile(r"(^|\.)contact\[\d+\]\.")
 _ANCHOR = re.compile(r"(^|\.)contact\[\d+\]\.anchor\.")
@@ -133,7 +133,7 @@ class Aitken(GaussSeidel):
         self.direct = [s for s in exchange.slaves if s.has_feedthrough]
         for slave in exchange.slaves:
             if not slave.can_save:
-                raise ValueError(f"scheme aitken steps back, but the FMU of {slave.name} cannot save its state; use gs-mid")
+                raise SlaveError(f"scheme aitken steps back, but the FMU of {slave.name} cannot save its state; use gs-mid")
 
     def step(self, t: float, h: float) -> None:
         exchange = self.exchange

@@ -25,7 +25,9 @@ def output() -> Console:
 
 def table(*columns: str, right: Iterable[str] = (), title: str | None = None, caption: str | None = None) -> Table:
     """Table with these columns, those in ``right`` aligned to the right."""
-    made = Table(box=SIMPLE, title=title, caption=caption, title_justify="left", caption_justify="left", title_style="bold")
+    made = Table(
+        box=SIMPLE, padding=(0, 0, 0, 1), title=title, caption=caption, title_justify="left", caption_justify="left", title_style="bold"
+    )
     for column in columns:
         made.add_column(column, justify="right" if column in right else "left", overflow="fold")
     return made
