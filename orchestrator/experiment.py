@@ -156,7 +156,7 @@ class Experiment:
     def _soil(self, table: dict) -> dict:
         chosen = table.pop("set", "mss_d")
         try:
-            return {**load_soil(chosen), **table}
+            return {**load_soil(str(chosen)), **table}
         except SoilError as error:
             raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None
 
