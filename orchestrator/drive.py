@@ -67,7 +67,7 @@ def simulate(
         scheme, step = scheme or settings.scheme, settings.step if step is None else step
         record_interval = max(settings.record_interval, step)
         attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
-        status("settling the rover and building the FMUs")
+        status("settling the rover and building the FMUs; the first time, kernels are compiled")
         out.mkdir(parents=True, exist_ok=True)
         package = out / "system.ssp"
         experiment.write_system(package)
