@@ -8,10 +8,11 @@ from __future__ import annotations
 import ctypes
 from ctypes import POINTER, c_double, c_int, c_uint, c_void_p
 from pathlib import Path
+from urllib.parse import unquote
 
 import fmpy
 import numpy as np
-from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2CoSimulation
 from fmpy.model_description import ModelDescription
 
 _OK, _WARNING, _DISCARD = 0, 1, 2
@@ -66,10 +67,22 @@ class Slave:
         self._callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         self._callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self._alive = False
-        self._call("instantiate", self._fmu.instantiate, callbacks=self._callbacks, loggingOn=True)
+        self._component = self._instantiate()
         self._alive = True
-        self._component = c_void_p(self._fmu.component)
         self._do_step = self._function("DoStep", [c_void_p, c_double, c_double, c_int])
+
+    def _instantiate(self) -> c_void_p:
+        resources = self._directory.absolute() / "resources"
+        location = resources.as_uri()
+        if (resources / "slavemodule.txt").is_file():
+            # pythonfmu's wrapper decodes no more of the URI than blanks, and crashes on /home/jürgen or /home/me@example.org.
+            location = unquote(location)
+        texts = [text.encode() for text in (self.name, self.description.guid, location)]
+        component = self._fmu.fmi2Instantiate(texts[0], fmi2CoSimulation, *texts[1:], ctypes.byref(self._callbacks), False, True)
+        if component is None:
+            self._raise("failed in instantiate", None)
+        self._fmu.component = component
+        return c_void_p(component)
 
     @property
     def has_feedthrough(self) -> bool:
@@ -181,7 +194,7 @@ class Slave:
     def _function(self, name: str, arguments: list):
         function = getattr(self._fmu.dll, f"fmi2{name}")
         # A prototype of our own: FMPy's objects for the same functions stay as they are.
-        return ctypes.CFUNCTYPE(c_int, *arguments)(ctypes.cast(function, c_void_p).value)
+        return ctypes.PYFUNCTYPE(c_int, *arguments)(ctypes.cast(function, c_void_p).value)
 
     def _call(self, what: str, function, *args, **kwargs):
         try:

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from pythonfmu import FmuBuilder
 
 from .description import DISTRIBUTION, installed_version, model_guid
-from .kernel import CACHE, sources_hash
+from .kernel import cache_folder, sources_hash
 from .model import Model
 
 _SCRIPT = '''"""FMU {identifier} of {distribution} {version}; the model itself is in the installed package."""
@@ -44,7 +44,7 @@ class {identifier}_slave(RecordSlave):
 def cached_fmu(model: Model, starts: Mapping[str, float] = MappingProxyType({})) -> Path:
     """Path of the model's FMU with these start values in the user's cache, built there if it or its sources are new."""
     key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())}".encode()).hexdigest()
-    path = CACHE / "fmus" / key[:16] / f"{model.identifier}.fmu"
+    path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
         build_fmu(model, path, starts)
     return path
@@ -67,7 +67,8 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         starts=dict(sorted(starts.items())),
         sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
     )
-    with tempfile.TemporaryDirectory(prefix="cdl_build_") as folder:
+    # Beside the target: the finished FMU takes its name in one step, and another process sees it whole or not at all.
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".build-") as folder:
         # All FMUs of a process share one table of modules: a name of its own for each content.
         module = f"{model.identifier}_{hashlib.sha256(script.encode()).hexdigest()[:12]}"
         script_file = Path(folder, f"{module}.py")
@@ -79,10 +80,9 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
             # The builder imports the script by name; an FMU of the same name must not find that module later.
             sys.path[:] = known_path
             sys.modules.pop(module, None)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
-            pass
-        _repack(packed, Path(part.name))
-        os.replace(part.name, path)
+        finished = Path(folder, "finished")
+        _repack(packed, finished)
+        os.replace(finished, path)
     return path
 
 

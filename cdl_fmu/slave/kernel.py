@@ -8,6 +8,7 @@ read-only installation works too.
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +20,26 @@ CACHE = platformdirs.user_cache_path("cdl-fmu")
 
 _ROOT = Path(__file__).resolve().parents[2]
 _OPTIONS = dict(error_model="numpy", boundscheck=False, nogil=True)
+
+
+class CacheError(Exception):
+    """A cache folder that cannot be written; the message names it and the remedy."""
+
+
+@cache
+def cache_folder(*parts: str) -> Path:
+    """A folder in the cache, made if it is missing. Raises CacheError if it cannot be written."""
+    folder = CACHE.joinpath(*parts)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise CacheError(
+            f"the cache folder {folder}, for compiled kernels and FMUs, cannot be written ({error.strerror}): "
+            "make it writable, or on Linux set XDG_CACHE_HOME to a folder that is"
+        ) from error
+    return folder
 
 
 @cache
@@ -34,7 +55,7 @@ def sources_hash() -> str:
 
 def kernel(function):
     """Compile a function as a kernel: plain numba, no Python objects, no allocation (see CONTRIBUTING.md for the rules)."""
-    saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(CACHE / "kernels" / sources_hash()[:16])
+    saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder("kernels", sources_hash()[:16]))
     try:
         return numba.njit(cache=True, **_OPTIONS)(function)
     finally:
@@ -53,3 +74,13 @@ def record_entry(function, arguments: str):
     # Compiled under the kernel's own file name, so that numba can cache it beside the kernel.
     exec(compile(source, function.py_func.__code__.co_filename, "exec"), scope)
     return kernel(scope[f"{function.__name__}_entry"])
+
+
+def compiled(function, *arguments):
+    """A kernel compiled now for the types of these arguments, to be called with such arguments only.
+
+    Half the cost of a call of numba's dispatcher is finding out the types.
+    """
+    signature = tuple(map(numba.typeof, arguments))
+    function.compile(signature)
+    return function.overloads[signature].entry_point
