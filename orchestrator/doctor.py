@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 import sysconfig
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -35,9 +33,11 @@ def examine() -> Iterator[Finding]:
     yield system()
     yield libraries()
     yield names()
-    yield cache()
-    yield _tried("kernels", "compiled and run", _run_kernels, _REINSTALL)
-    yield _tried("FMU", "built, loaded and stepped", _run_fmu, "see the message; 'cdl info cdl_bcm_w1' shows the FMU's binaries")
+    cached = cache()
+    yield cached
+    if cached.state == "ok":  # else the next two fail for the same reason
+        yield _tried("kernels", "compiled and run", _run_kernels, _REINSTALL)
+        yield _tried("FMU", "built, loaded and stepped", _run_fmu, "see the message; 'cdl info cdl_bcm_w1' shows the FMU's binaries")
     yield libpython()
 
 
@@ -86,22 +86,19 @@ def names() -> Finding:
 
 def cache() -> Finding:
     """Compiled kernels, FMUs and unpacked packages go here."""
-    from cdl_fmu.slave.kernel import CACHE
-
     try:
-        CACHE.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=CACHE):
-            pass
-    except OSError as error:
-        variable = "LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME"
-        return Finding("cache", "failed", f"{CACHE} cannot be written: {error.strerror}", f"set {variable} to a folder that can be written")
-    return Finding("cache", "ok", str(CACHE))
+        from cdl_fmu.slave.kernel import cache_folder  # the import itself raises CacheError: kernels are looked up there
+
+        return Finding("cache", "ok", str(cache_folder()))
+    except Exception as error:
+        detail, _, remedy = str(error).partition(": ")
+        return Finding("cache", "failed", detail, remedy)
 
 
 def libpython() -> Finding:
     """What a C or C++ tool needs to run our FMUs: the Linux wrapper expects libpython to be there already."""
     if sys.platform != "linux":
-        return Finding("other tools", "note", f"they need {os.path.dirname(sys.executable)} on PATH to find python3.dll")
+        return Finding("other tools", "note", f"they need {Path(sys.executable).parent} on PATH to find python3.dll")
     library = Path(sysconfig.get_config_var("LIBDIR") or "", sysconfig.get_config_var("INSTSONAME") or "")
     if not sysconfig.get_config_var("Py_ENABLE_SHARED") or not library.exists():
         return Finding(

@@ -51,9 +51,12 @@ def test_a_folder_that_hides_a_top_level_name_is_named(monkeypatch, tmp_path):
 def test_a_cache_that_cannot_be_written(monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setattr(kernel, "CACHE", tmp_path / "file" / "cdl-fmu")
-    found = doctor.cache()
-    assert found.state == "failed" and f"{tmp_path / 'file' / 'cdl-fmu'} cannot be written: Not a directory" in found.detail
-    assert found.remedy == "set XDG_CACHE_HOME to a folder that can be written"
+    kernel.cache_folder.cache_clear()
+    findings = {found.what: found for found in doctor.examine()}
+    assert findings["cache"].state == "failed"
+    assert f"the cache folder {tmp_path / 'file' / 'cdl-fmu'}" in findings["cache"].detail
+    assert "XDG_CACHE_HOME" in findings["cache"].remedy
+    assert "kernels" not in findings  # one cause, one failure
 
 
 @pytest.mark.parametrize(
