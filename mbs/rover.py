@@ -5,12 +5,14 @@ The contact forces come from other slaves; their interface Jacobian lets one imp
 
 from __future__ import annotations
 
+from functools import partial
+
 import mujoco
 import numpy as np
 
 from cdl_fmu.frames import cross, dot, resolve2
 from cdl_fmu.slave.interface import ENVIRONMENT, contact_jacobian, wheel_pose, wheel_wrench
-from cdl_fmu.slave.kernel import kernel
+from cdl_fmu.slave.kernel import compiled, kernel
 from cdl_fmu.slave.model import Event, Instance, Model, ModelError
 from cdl_fmu.slave.records import Array, Choice, Real, Record
 
@@ -137,7 +139,7 @@ class _Simulation:
         m = self.m = two_wheel(instance.p)
         d = self.d = mujoco.MjData(m)
         n = instance.model.sizes["n_wheels"]
-        self.h = 0.0
+        self.h = np.zeros(1)
         fields = instance.model.parameters.fields
         self.with_inverse_inertia = instance.p.with_inverse_inertia == fields["with_inverse_inertia"].value("on")
         self.q, self.q_dot = d.qpos, d.qvel
@@ -149,12 +151,15 @@ class _Simulation:
         self.applied = np.zeros((n, 3))
         _, U, X, Y = instance.arrays
         mass = float(instance.p.mass / n + instance.p.wheel_mass)  # what a wheel carries
-        self.command = (mass, U, Y, self.lifted, self.bodies, self.steers, m.actuator_gear, m.actuator_biasprm, d.xfrc_applied, d.ctrl)
-        self.settle = (U, X, self.lifted, self.applied, self.q, self.q_dot, m.actuator_biasprm, d.actuator_force, d.actuator_moment)
-        self.settle += (d.moment_rownnz, d.moment_rowadr, d.moment_colind)
-        self.output = (X, Y, self.applied, self.q, self.q_dot, self.bodies, self.spins, self.steers)
-        self.output += (d.xpos, d.xmat, d.cvel, d.subtree_com[self.bodies[0]])
-        self.same = (X, self.q, self.q_dot)
+        contacts = (U, Y, self.lifted, self.bodies, self.steers)
+        actuators = (m.actuator_gear, m.actuator_biasprm, d.xfrc_applied, d.ctrl)
+        moments = (d.actuator_force, d.actuator_moment, d.moment_rownnz, d.moment_rowadr, d.moment_colind)
+        joints = (self.q, self.q_dot, self.bodies, self.spins, self.steers)
+        frames = (d.xpos, d.xmat, d.cvel, d.subtree_com[self.bodies[0]])
+        self.is_at_state = _bound(_same, X, self.q, self.q_dot)
+        self.command = _bound(_command, self.h, mass, *contacts, *actuators)
+        self.settle = _bound(_settle, U, X, self.lifted, self.applied, self.q, self.q_dot, m.actuator_biasprm, *moments)
+        self.output = _bound(_output, X, Y, self.applied, *joints, *frames)
 
     def initialise(self) -> None:
         start = self.instance.p.start
@@ -163,16 +168,16 @@ class _Simulation:
 
     def step(self, h: float) -> int:
         m, d = self.m, self.d
-        if h != self.h:
-            self.h = m.opt.timestep = h
-        if not _same(*self.same):
+        if h != self.h[0]:
+            self.h[0] = m.opt.timestep = h
+        if not self.is_at_state():
             self.load()
             self.write_outputs()
         self.lifted[:] = 0.0
         while True:
-            _command(h, *self.command)
+            self.command()
             mujoco.mj_step(m, d)
-            status = _settle(*self.settle)
+            status = self.settle()
             if status == 0:
                 self.write_outputs()
                 return 0
@@ -190,7 +195,7 @@ class _Simulation:
         mujoco.mj_kinematics(m, d)
         mujoco.mj_comPos(m, d)
         mujoco.mj_comVel(m, d)
-        _output(*self.output)
+        self.output()
         if self.with_inverse_inertia:
             self.instance.y.inverse_inertia[:] = self.inverse_inertia()
 
@@ -207,6 +212,11 @@ class _Simulation:
             point = contact.point_0 if contact.in_contact > 0.5 else d.xpos[body]
             mujoco.mj_jac(m, d, jacobian[3 * i : 3 * i + 3], None, point, body)
         return jacobian @ np.linalg.solve(mass, jacobian.T)
+
+
+def _bound(function, *arguments):
+    """A kernel as a call without arguments, on these."""
+    return partial(compiled(function, *arguments), *arguments)
 
 
 @kernel
@@ -245,7 +255,7 @@ def _command(h, mass, U, Y, lifted, bodies, steers, gear, biasprm, xfrc, ctrl):
         if contact.in_contact > 0.5:
             anchored = _is_sent(contact.anchor.T)
             for k in range(3):
-                _command_axis(h, mass, contact, pose, anchored, k, gear[3 * i + k], biasprm[3 * i + k], external)
+                _command_axis(h[0], mass, contact, pose, anchored, k, gear[3 * i + k], biasprm[3 * i + k], external)
 
 
 @kernel

@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 
-from .kernel import kernel, record_entry
+from .kernel import compiled, kernel, record_entry
 from .records import Choice, Record, Scalar
 
 
@@ -75,10 +74,8 @@ class KernelModel(Model):
 
     def bind(self, instance: Instance):
         P, U, X, Y = instance.arrays
-        initialise = record_entry(self.initialise_kernel, "t, P, X, Y")
-        step = record_entry(self.step_kernel, "t, h, P, U, X, Y")
-        # Compile now: a first compile takes seconds, which belong to the initialisation and not to the first step.
-        step.compile(tuple(map(numba.typeof, (0.0, 0.0, P, U, X, Y))))
+        initialise = compiled(record_entry(self.initialise_kernel, "t, P, X, Y"), 0.0, P, X, Y)
+        step = compiled(record_entry(self.step_kernel, "t, h, P, U, X, Y"), 0.0, 0.0, P, U, X, Y)
         return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
 
 
@@ -104,8 +101,9 @@ class Instance:
         self.p, self.u, self.x, self.y = (a.view(np.recarray)[0] for a in self.arrays)
         self.warnings: list[str] = []
         self._warned: set[int] = set()
-        self._u, self._x = self.block[self.slices["u"]], self.block[self.slices["x"]]
-        self._bounds = {part: _bounds(model.scalars[part]) for part in ("p", "u")}
+        self._x = self.block[self.slices["x"]]
+        self._bounds = {part: (self.block[self.slices[part]], *_bounds(model.scalars[part])) for part in ("p", "u")}
+        self._first_outside = compiled(_first_outside, *self._bounds["u"])
         self._functions = None
         for key, value in parameters.items():
             self.set_parameter(key, value)
@@ -138,7 +136,7 @@ class Instance:
         if self.model.feedthrough:
             # A step of no length gives the outputs at t; it leaves no trace in the state, and what is missing yet may still come.
             state = self._x.copy()
-            self._check("u", "input", f" at t = {t:.6g} s")
+            self._check("u", "input", t)
             status = self._functions[1](t, 0.0)
             if status and self.model.events[status % STATUS_SPAN].is_error:
                 self._report(status, t)
@@ -146,7 +144,7 @@ class Instance:
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
-        self._check("u", "input", f" at t = {t:.6g} s")
+        self._check("u", "input", t)
         status = self._functions[1](t, h)
         if status:
             self._report(status, t)
@@ -169,12 +167,11 @@ class Instance:
         """The saved state that ``to_bytes`` wrote."""
         return np.frombuffer(data)
 
-    def _check(self, part: str, kind: str, when: str = "") -> None:
-        lower, upper = self._bounds[part]
-        values = self.block[self.slices[part]] if part == "p" else self._u
-        i = _first_outside(values, lower, upper)
+    def _check(self, part: str, kind: str, t: float | None = None) -> None:
+        i = self._first_outside(*self._bounds[part])
         if i >= 0:
-            raise ModelError(f"{self.name}: {kind} {describe_violation(self.model.scalars[part][i], values[i])}{when}")
+            value, when = self._bounds[part][0][i], "" if t is None else f" at t = {t:.6g} s"
+            raise ModelError(f"{self.name}: {kind} {describe_violation(self.model.scalars[part][i], value)}{when}")
 
     def _report(self, status: int, t: float) -> None:
         event = self.model.events[status % STATUS_SPAN]
