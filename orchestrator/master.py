@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 
@@ -115,23 +116,21 @@ class Master:
             outputs[name] = [v.name for v in offered if v.name in sources[name] or self.records(name, v.name) or guard.match(v.name)]
         self.inputs = np.zeros(sum(map(len, inputs.values())))
         self.outputs = np.zeros(sum(map(len, outputs.values())))
-        self.output_index: dict[tuple[str, str], int] = {}
+        keys = [(name, variable) for name in slaves for variable in outputs[name]]
+        self.output_index = {key: i for i, key in enumerate(keys)}
+        routes: dict[str, tuple] = {}
         start_u = start_y = 0
         for name, slave in slaves.items():
-            for i, variable in enumerate(outputs[name]):
-                self.output_index[name, variable] = start_y + i
-            u = self.inputs[start_u : start_u + len(inputs[name])]
+            # In the order of the sources, so that few runs of memory hold them.
+            connections = sorted(inputs[name], key=lambda c: self.output_index[c.source_component, c.source_variable])
+            u = self.inputs[start_u : start_u + len(connections)]
             y = self.outputs[start_y : start_y + len(outputs[name])]
-            slave.connect([c.target_variable for c in inputs[name]], u, outputs[name], y)
+            slave.connect([c.target_variable for c in connections], u, outputs[name], y)
             start_u, start_y = start_u + u.size, start_y + y.size
-        routes = {}
-        for name, connections in inputs.items():
-            if connections:
-                source = np.array([self.output_index[c.source_component, c.source_variable] for c in connections])
-                factor = np.array([c.factor for c in connections])
-                offset = np.array([c.offset for c in connections])
-                plain = bool(np.all(factor == 1.0) and np.all(offset == 0.0))
-                routes[name] = (source, slaves[name].u, *((None, None) if plain else (factor, offset)))
+            source = np.array([self.output_index[c.source_component, c.source_variable] for c in connections], dtype=int)
+            factor, offset = np.array([c.factor for c in connections]), np.array([c.offset for c in connections])
+            plain = bool(np.all(factor == 1.0) and np.all(offset == 0.0))
+            routes[name] = (_runs(self.outputs, source, u), *((None, None) if plain else (factor, offset)))
         return Exchange(self.slaves, self.inputs, self.outputs, routes)
 
     def _stability_guard(self, slaves: dict[str, Slave]) -> StabilityGuard | None:
@@ -152,6 +151,13 @@ class Master:
         if not found:
             return ""
         return f"; it came from {', '.join(found[:3])}{' and others' if len(found) > 3 else ''}"
+
+
+def _runs(outputs: np.ndarray, source: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of slices (source, target) that bring ``outputs[source]`` into u: one for each run of consecutive sources."""
+    breaks = np.flatnonzero(np.diff(source) != 1) + 1
+    bounds = [0, *breaks.tolist(), len(source)] if source.size else []
+    return [(outputs[source[a] : source[a] + b - a], u[a:b]) for a, b in pairwise(bounds)]
 
 
 def _in_order(slaves: dict[str, Slave], system: System) -> list[Slave]:

@@ -35,13 +35,12 @@ class Exchange:
 
     def route(self, slave: Slave) -> None:
         """Bring the values connected to the slave's inputs into its input memory."""
-        route = self._routes.get(slave.name)
-        if route is not None:
-            source, target, factor, offset = route
-            np.take(self.outputs, source, out=target, mode="clip")
-            if factor is not None:
-                target *= factor
-                target += offset
+        runs, factor, offset = self._routes[slave.name]
+        for source, target in runs:
+            target[:] = source
+        if factor is not None:
+            slave.u *= factor
+            slave.u += offset
 
     def advance(self, slave: Slave, t: float, h: float) -> None:
         """Set, step and get one slave with its inputs as they are."""
