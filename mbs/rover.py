@@ -292,7 +292,7 @@ def _command_axis(h, mass, contact, pose, anchored, k, gear, biasprm, external):
     # damping, and no bias where v0 is not 0 though nothing is compressed, as on a rolling wheel. For stiff ones it is backward Euler,
     # where the other form returns an impact with up to 1.1 of its speed and undoes the contact's own damping. Rebound speed over
     # impact speed at 1 ms, mean over the phase of the impact, for omega H = 0.19, 0.47, 2.2 (2 kg) and 7 (2 kg) without damping:
-    # 1.00, 0.97, 0.85, 0.42; backward Euler throughout 0.75, 0.56, 0.32, 0.47; anchored in velocity throughout 1.00, 1.00, 1.01, 1.00
+    # 1.00, 0.97, 0.85, 0.42; backward Euler throughout 0.75, 0.54, 0.32, 0.47; anchored in velocity throughout 1.00, 1.00, 1.01, 1.00
     # (0.89 instead of 0.45 for a damping ratio of 0.3 at omega H = 7).
     F, K, D = contact.F[k], contact.K[k], contact.D[k]
     W = h * h * K / mass
