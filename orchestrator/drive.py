@@ -65,7 +65,7 @@ def simulate(
         experiment = load_experiment(source, tiers=tiers, overrides=overrides)
         settings = experiment.settings
         scheme, step = scheme or settings.scheme, settings.step if step is None else step
-        record_interval = max(settings.record_interval, step)
+        record_interval = settings.record_interval
         attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
         status("settling the rover and building the FMUs; the first time, kernels are compiled")
         out.mkdir(parents=True, exist_ok=True)

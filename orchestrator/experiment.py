@@ -27,7 +27,7 @@ from .schemes import SCHEMES
 RUN = Record(
     stop_time=Real(10.0, "s", "End of the run", min=0.0),
     step=Real(1e-3, "s", "Communication step", min=1e-6, max=1.0),
-    record_interval=Real(1e-3, "s", "Time between two rows of the result; the step, if that is longer", min=1e-6),
+    record_interval=Real(1e-3, "s", "Time between two rows of the result; the nearest multiple of the step is taken", min=1e-6),
     scheme=Choice("Coupling scheme", **{name: (kind.__doc__ or "").split("\n")[0] for name, kind in SCHEMES.items()}),
 )
 

@@ -15,9 +15,13 @@ from .stability import StabilityGuard
 
 _CONTACT_FORCE = re.compile(r"contact\[(\d+)\]\.F\[1\]")
 _WHEEL_FORCE = re.compile(r"wheel\[(\d+)\]\.f_0\[1\]")
-#: Outputs that are recorded only if asked for: they carry the coupling, not the physics.
 _COUPLING = re.compile(r"contact\[\d+\]\.|inverse_inertia\[")
 _GUARD_EVERY = 20  # steps between two checks of an explicit scheme's stability
+
+
+def is_recorded(variable: str) -> bool:
+    """Whether an output belongs into a result: those that only carry the coupling do not."""
+    return not _COUPLING.match(variable)
 
 
 class Master:
@@ -28,14 +32,12 @@ class Master:
         scheme: One of :data:`orchestrator.schemes.SCHEMES`.
         stop_time: Told to the slaves [s]; None = open.
         warn: Called with each warning.
-        record: Says whether an output (component, variable) is fetched for the result; by default all but those of the coupling.
     """
 
-    def __init__(self, system: System, scheme: str = "ij", stop_time: float | None = None, warn=print, record=None):
+    def __init__(self, system: System, scheme: str = "ij", stop_time: float | None = None, warn=print):
         if scheme not in SCHEMES:
             raise ValueError(f"scheme {scheme!r} is unknown: choose one of {', '.join(SCHEMES)}")
         self.system = system
-        self.records = record or (lambda component, variable: not _COUPLING.match(variable))
         self._warn = warn
         kind = SCHEMES[scheme]
         slaves: dict[str, Slave] = {}
@@ -113,7 +115,7 @@ class Master:
         for name, slave in slaves.items():
             offered = [v for v in slave.variables.values() if v.causality == "output" and v.type != "String"]
             guard = re.compile(r"contact\[\d+\]\.(axes|K|D)\[|inverse_inertia\[") if explicit else re.compile("$^")
-            outputs[name] = [v.name for v in offered if v.name in sources[name] or self.records(name, v.name) or guard.match(v.name)]
+            outputs[name] = [v.name for v in offered if v.name in sources[name] or is_recorded(v.name) or guard.match(v.name)]
         self.inputs = np.zeros(sum(map(len, inputs.values())))
         self.outputs = np.zeros(sum(map(len, outputs.values())))
         keys = [(name, variable) for name in slaves for variable in outputs[name]]

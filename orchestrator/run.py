@@ -16,7 +16,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from .fmu import SlaveError
-from .master import Master
+from .master import Master, is_recorded
 from .results import FILE_NAME, Channel, ResultWriter, open_result
 from .ssp import System
 
@@ -59,7 +59,7 @@ def run(
         scheme: Coupling scheme.
         step: Communication step H [s].
         stop_time: End [s]; the system's own by default.
-        record_interval: Time between two recorded rows [s], a multiple of the step; by default every step.
+        record_interval: Time between two recorded rows [s], taken as the nearest multiple of the step; by default every step.
         attributes: Stored with the result.
         progress: Called now and then with the time reached and the stop time [s].
         checkpoint_every: Simulated time between checkpoints [s].
@@ -74,7 +74,7 @@ def run(
     if stop is None:
         raise RunError("no stop time: the system has none, so give --stop-time S")
     n_steps = _whole(stop - start, step, "stop time")
-    every = 1 if record_interval is None else max(1, _whole(record_interval, step, "record interval"))
+    every = 1 if record_interval is None else max(1, round(record_interval / step))
     checkpoint_steps = 0 if checkpoint_every is None else _whole(checkpoint_every, step, "checkpoint interval", least=1)
     out.mkdir(parents=True, exist_ok=True)
     warnings: list[str] = []
@@ -84,7 +84,7 @@ def run(
         raise RunError(f"{resume} lies at t = {start + int(saved['step']) * step:g} s, after the stop time {stop:g} s; give a later one")
     earlier = None if resume is None else _earlier_rows(resume)
     master = Master(system, scheme, stop, warnings.append)
-    recorded = [(key, i) for key, i in master.output_index.items() if master.records(*key)]
+    recorded = [(key, i) for key, i in master.output_index.items() if is_recorded(key[1])]
     columns = np.array([i for _, i in recorded])
     channels = [_channel(system, *key) for key, _ in recorded]
     facts = {"scheme": scheme, "step_s": step, "fmu_hashes": _hashes(system), **(attributes or {})}
