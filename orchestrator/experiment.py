@@ -60,15 +60,19 @@ def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, o
     path = EXPERIMENTS.get(str(source), Path(source))
     if not path.is_file():
         raise ExperimentError(f"no experiment {str(source)!r}: use one of {', '.join(EXPERIMENTS)} or the path of a .toml file")
-    text = path.read_text(encoding="utf-8")
     try:
+        text = path.read_text(encoding="utf-8")
         tables = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise ExperimentError(f"{path.name} is no text in UTF-8 ({error}): give an experiment's .toml file") from None
     except tomllib.TOMLDecodeError as error:
         raise ExperimentError(f"{path.name}: {error}") from None
+    options = {}  # key -> the command line's option that gave it
     if tiers is not None:
         if len(tiers) != len(WHEELS):
             raise ExperimentError(f"--tiers {','.join(tiers)}: give {len(WHEELS)} tiers, {','.join(WHEELS).upper()}")
         tables["tiers"] = dict(zip(WHEELS, tiers))
+        options |= {f"tiers.{wheel}": f"--tiers {','.join(tiers)}" for wheel in WHEELS}
     for key, value in (overrides or {}).items():
         *sections, last = key.split(".")
         table = tables
@@ -77,7 +81,8 @@ def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, o
             if not isinstance(table, dict):
                 raise ExperimentError(f"--set {key}: {section} is a value, not a section")
         table[last] = value
-    return Experiment(path, text, tables, frozenset(overrides or ()))
+        options[key] = f"--set {key}"
+    return Experiment(path, text, tables, options)
 
 
 class Experiment:
@@ -89,9 +94,9 @@ class Experiment:
         tiers: Wheel -> tier.
     """
 
-    def __init__(self, path: Path, text: str, tables: Mapping, overridden: frozenset[str]):
+    def __init__(self, path: Path, text: str, tables: Mapping, options: Mapping[str, str]):
         self.name, self.text = path.stem, text
-        self._file, self._overridden = path.name, overridden
+        self._file, self._options = path.name, options
         for key, value in tables.items():
             if key != "title" and not isinstance(value, Mapping):
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
@@ -100,7 +105,7 @@ class Experiment:
         self._rover, self._driver = Rover(), Driver()
         self._models = {tier: TIERS[tier](sum(t == tier for t in self.tiers.values())) for tier in dict.fromkeys(self.tiers.values())}
         shared = ENVIRONMENT | SOIL | WHEEL
-        records = {
+        self._records = {
             "run": RUN,
             "environment": ENVIRONMENT,
             "soil": SOIL,
@@ -109,22 +114,31 @@ class Experiment:
             "driver": _without(self._driver.parameters, shared),
             **{tier.lower(): _without(model.parameters, shared) for tier, model in self._models.items()},
         }
-        self._refuse_unknown(tables, "", {"title", "tiers", *records, *(t.lower() for t in TIERS)})
+        self._refuse_unknown(tables, "", {"title", "tiers", *self._records, *(t.lower() for t in TIERS)})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
-        self._values = {section: self._section(section, record, tables.get(section, {})) for section, record in records.items()}
+        self._values = {section: self._section(section, record, tables.get(section, {})) for section, record in self._records.items()}
         run = {s.name: self._values["run"].get(s.name, s.start) for s in RUN.scalars()}
         scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
         self.settings = Settings(scheme=scheme, **run)
 
     def instances(self) -> dict[str, Instance]:
-        """A new instance of each part by name, with the experiment's parameters; the rover is where the user or the record puts it."""
+        """A new instance of each part by name, with the experiment's parameters; the rover is where the user or the record puts it.
+
+        Raises ExperimentError if the parameters of a part, each within its bounds, do not fit together.
+        """
         shared = {**self._values["environment"], **self._values["soil"], **self._values["wheel"]}
         made = {}
         for name, model in {"rover": self._rover, "driver": self._driver, **{t.lower(): m for t, m in self._models.items()}}.items():
             made[name] = Instance(model, name)
             own = {s.name for s in model.scalars["p"]}
             made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values[name])
+            try:
+                model.check(made[name].p)
+            except ModelError as error:
+                key = str(error).split(" = ")[0]
+                section = next((s for s, record in self._records.items() if key in (x.name for x in record.scalars())), name)
+                raise ExperimentError(f"{self._place(section, key.split('[')[0])}: {section}.{error}") from error
         return made
 
     @property
@@ -148,9 +162,11 @@ class Experiment:
         given = tables.get("tiers", {})
         self._refuse_unknown(given, "tiers", set(WHEELS))
         for wheel in WHEELS:
-            if given.get(wheel) not in TIERS:
-                where = self._place("tiers", wheel if wheel in given else "")
-                raise ExperimentError(f"{where}: tier {given.get(wheel)!r} of wheel {wheel} is unknown; use one of {', '.join(TIERS)}")
+            if wheel not in given:
+                raise ExperimentError(f"{self._place('tiers', '')}: wheel {wheel} has no tier; use one of {', '.join(TIERS)}")
+            if given[wheel] not in list(TIERS):
+                where = self._place("tiers", wheel)
+                raise ExperimentError(f"{where}: tier {given[wheel]!r} of wheel {wheel} is unknown; use one of {', '.join(TIERS)}")
         return {wheel: given[wheel] for wheel in WHEELS}
 
     def _soil(self, table: dict) -> dict:
@@ -167,17 +183,19 @@ class Experiment:
             array = [s for s in scalars if s.name == key or s.name.startswith(f"{key}[")]
             if not array:
                 self._refuse_unknown({key: value}, section, {s.name.split("[")[0] for s in scalars})
+            each = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * len(array)
+            if len(each) != len(array):
+                number = f"{len(array)} values" if len(array) > 1 else "one value"
+                raise ExperimentError(f"{self._place(section, key)}: {section}.{key} needs {number}, not {len(each)}")
             try:
-                for scalar, one in zip(array, np.broadcast_to(np.array(value, dtype=object), len(array))):
-                    values[scalar.name] = self._checked(section, scalar, one)
+                for scalar, one in zip(array, each):
+                    values[scalar.name] = self._checked(scalar, one)
             except ModelError as error:
                 raise ExperimentError(f"{self._place(section, key)}: {section}.{error}") from None
-            except ValueError:
-                raise ExperimentError(f"{self._place(section, key)}: {section}.{key} needs {len(array)} values, not {len(value)}") from None
         return values
 
     @staticmethod
-    def _checked(section: str, scalar: Scalar, value) -> float:
+    def _checked(scalar: Scalar, value) -> float:
         number = parse_value(scalar, value)
         if not scalar.field.min <= number <= scalar.field.max or not np.isfinite(number):
             raise ModelError(describe_violation(scalar, number))
@@ -192,19 +210,28 @@ class Experiment:
                 raise ExperimentError(f"{self._place(section, key)}: {full} is unknown; {remedy}")
 
     def _place(self, section: str, key: str) -> str:
-        """File and line of a key, or the command line's option that set it."""
-        if f"{section}.{key}" in self._overridden or key in self._overridden:
-            return f"--set {section + '.' if section else ''}{key}"
+        """The command line's option that set a key, or its file and line; of a whole section without a key."""
+        path = ".".join(filter(None, (section, key)))
+        for given, option in self._options.items():
+            if _within(given, path) or _within(path, given):
+                return option
         current = ""
         for number, line in enumerate(self.text.splitlines(), 1):
             if header := re.match(r"\s*\[([^\]]+)\]", line):
                 current = header[1]
-                if (current == section and not key) or (not section and current == key):
-                    return f"{self._file}, line {number}"
-            path = f"{section}.{key}" if section else key
-            if (assigned := re.match(r"\s*([\w.\"]+)\s*=", line)) and f"{current}.{assigned[1]}".lstrip(".") == path:
+                found = _within(current, path)
+            elif assigned := re.match(r"\s*([\w.\"]+)\s*=", line):
+                given = f"{current}.{assigned[1]}".lstrip(".")
+                found = _within(given, path) or _within(path, given)  # the latter in an inline table
+            else:
+                continue
+            if found:
                 return f"{self._file}, line {number}"
         return self._file
+
+
+def _within(path: str, outer: str) -> bool:
+    return f"{path}.".startswith(f"{outer}.")
 
 
 def _flat(table: Mapping, prefix: str = ""):

@@ -58,7 +58,10 @@ def settle(rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> dict[
                 for part in ("r_0", "T", "v_0", "w_0"):
                     contact.u["wheel"][part][i] = rover.y["wheel"][part][j]
                 contact.u["wheel"]["v_0"][i] = contact.u["wheel"]["w_0"][i] = 0.0
-            contact.step(0.0, 1.0)  # 1 s: whatever the contact filters has settled
+            try:
+                contact.step(0.0, 1.0)  # 1 s: whatever the contact filters has settled
+            except ModelError as error:
+                raise ModelError(f"{rover.name} is not borne at rest: {error}; check mass, wheel, soil and gravity") from error
             for i, j in enumerate(wheels):
                 force[j] = contact.y["wheel"]["f_0"][i]
                 stiffness[j] = contact.y["contact"]["K"][i, 2]

@@ -22,7 +22,7 @@ def placed(model=None, z=0.1) -> Instance:
 
 
 def test_soil_that_bears_nothing_under_a_narrow_wheel():
-    text = r"k_c = -2.86e\+06 N/m\^3.49: k_c/b \+ k_phi <= 0 for wheel width b_w = 0.01 m; use a wheel wider than 0.0116 m or another soil"
+    text = r"k_c = -2.86e\+06 N/m\^3.49: k_c/b \+ k_phi < 0 for wheel width b = 0.01 m; use a wheel wider than 0.0116 m or another soil"
     with pytest.raises(ModelError, match=text):
         Instance(BCM(), b_w=0.01).initialise()
 

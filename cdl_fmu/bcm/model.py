@@ -86,10 +86,12 @@ class BCM(KernelModel):
 
     def check(self, p) -> None:
         """Refuse a soil that bears nothing under this wheel's width."""
-        if p.k_c / p.b_w + p.k_phi <= 0.0:
+        modulus = p.k_c / p.b_w + p.k_phi
+        if modulus <= 0.0:
             least = f"a wheel wider than {-p.k_c / p.k_phi:.3g} m or " if p.k_phi > 0.0 else ""
             raise ModelError(
-                f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi <= 0 for wheel width b_w = {p.b_w:g} m; use {least}another soil"
+                f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi {'<' if modulus < 0.0 else '='} 0 for wheel width b = {p.b_w:g} m; "
+                f"use {least}another soil"
             )
         if p.n_g != math.floor(p.n_g):
             raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")

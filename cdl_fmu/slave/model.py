@@ -51,7 +51,7 @@ class Model:
         self.sizes = sizes
 
     def check(self, p: np.recarray) -> None:
-        """Raise ModelError for parameters that are within their bounds but do not fit together."""
+        """Raise ModelError for parameters that are within their bounds but do not fit together: ``name = value unit: why; remedy``."""
 
     def bind(self, instance: Instance):
         """Return the pair ``(initialise(t), step(t, h) -> status)`` that works on the instance's memory."""
