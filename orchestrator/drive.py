@@ -14,7 +14,7 @@ from .run import Outcome, RunError, run
 from .ssp import read_system
 from .wheels import ground_of, wheels_of
 
-UNPACKED = platformdirs.user_cache_path("cdl-fmu") / "unpacked"
+UNPACKED = platformdirs.user_cache_path("cdl-fmu", appauthor=False) / "unpacked"
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
 

@@ -16,7 +16,7 @@ import numba
 import platformdirs
 
 #: Folder for everything that is built on this machine: compiled kernels and FMUs.
-CACHE = platformdirs.user_cache_path("cdl-fmu")
+CACHE = platformdirs.user_cache_path("cdl-fmu", appauthor=False)
 
 _ROOT = Path(__file__).resolve().parents[2]
 _OPTIONS = dict(error_model="numpy", boundscheck=False, nogil=True)

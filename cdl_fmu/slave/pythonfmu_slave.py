@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import struct
+import sys
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -181,5 +182,5 @@ def _release_at_exit(wrapper: Path) -> None:
     Left alone, pythonfmu 0.7.0 releases it when the process ends, and then once more where it was: the heap is corrupted, and one run
     in ten of a host in Python ends with an abort.
     """
-    if wrapper.exists():  # not while an FMU is being built
+    if sys.platform == "linux" and wrapper.exists():  # the latter not while an FMU is being built
         atexit.register(ctypes.CDLL(str(wrapper)).finalizePythonInterpreter)
