@@ -71,10 +71,10 @@ class Master:
         try:
             self.scheme.step(t, h)
         except SlaveError as error:
-            raise SlaveError(f"{error}{self._senders_of_nan()}") from error
+            raise SlaveError(f"{error}{self._senders(str(error))}") from error
         # One dot product finds any NaN or infinity among the outputs.
-        if not np.isfinite(np.dot(self.outputs, self.outputs)):
-            raise SlaveError(f"a slave's output is not finite after the step at t = {t:.6g} s{self._senders_of_nan()}")
+        if not np.isfinite(np.dot(self.outputs, self.outputs)) and (found := self._not_finite()):
+            raise SlaveError(f"output {found} is not finite after the step at t = {t:.6g} s; correct the FMU that gives it")
         if self._guard is not None and self._steps % _GUARD_EVERY == 0:
             self._guard.check(t, h)
         self._steps += 1
@@ -148,11 +148,15 @@ class Master:
                     contacts.append((source, number, int(wheel[1])))
         return StabilityGuard(rover, contacts, self._warn) if contacts else None
 
-    def _senders_of_nan(self) -> str:
+    def _senders(self, refusal: str) -> str:
+        """Who sent the input that a slave refuses: by the input's name if the slave says it, as ours do, else by the value."""
+        sent = (c for c in self._connections if f"{c.target_component}: input {c.target_variable} = " in refusal)
+        found = ", ".join(f"{c.source_component}.{c.source_variable}" for c in sent) or self._not_finite()
+        return f"; it came from {found}" if found else ""
+
+    def _not_finite(self) -> str:
         found = [f"{name}.{variable}" for (name, variable), i in self.output_index.items() if not np.isfinite(self.outputs[i])]
-        if not found:
-            return ""
-        return f"; it came from {', '.join(found[:3])}{' and others' if len(found) > 3 else ''}"
+        return ", ".join(found[:3]) + (" and others" if len(found) > 3 else "")
 
 
 def _runs(outputs: np.ndarray, source: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
