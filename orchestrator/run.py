@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
@@ -83,44 +83,40 @@ def run(
     if saved is not None and int(saved["step"]) > n_steps:
         raise RunError(f"{resume} lies at t = {start + int(saved['step']) * step:g} s, after the stop time {stop:g} s; give a later one")
     earlier = None if resume is None else _earlier_rows(resume)
-    master = Master(system, scheme, stop, warnings.append)
-    recorded = [(key, i) for key, i in master.output_index.items() if is_recorded(key[1])]
-    columns = np.array([i for _, i in recorded])
-    channels = [_channel(system, *key) for key, _ in recorded]
-    facts = {"scheme": scheme, "step_s": step, "fmu_hashes": _hashes(system), **(attributes or {})}
-    status, k, began = "complete", 0, time.perf_counter()
-    try:
-        with ResultWriter(out / FILE_NAME, channels, facts) as result, _interrupts() as interrupted:
-            if saved is None:
-                result.append(start, master.outputs[columns])
-            else:
-                master.restore(saved)
-                k = int(saved["step"])
-                for t, row in zip(*earlier(start + k * step, channels)):
-                    result.append(t, row)
-            shown = 0.0
-            began = time.perf_counter()
-            while k < n_steps:
-                master.step(start + k * step, step)
-                k += 1
-                if k % every == 0 or k == n_steps:
-                    result.append(start + k * step, master.outputs[columns])
-                if checkpoint_steps and k % checkpoint_steps == 0:
-                    result.flush()
-                    _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k)
-                now = time.perf_counter()
-                if now - shown > 0.1 or k == n_steps:
-                    shown = now
-                    progress(start + k * step, stop)
-                if interrupted():
-                    status = "interrupted"
-                    break
-            result.close(status)
-    except SlaveError as error:
-        warned = "".join(f"\nwarned before: {text}" for text in warnings)
-        raise SlaveError(f"{error}; the steps before it are in {out / FILE_NAME}{warned}") from error
-    finally:
-        master.close()
+    # From before the FMUs are loaded: an interrupt while one that is written in Python starts would look like that one's failure.
+    with _interrupts() as interrupted, closing(Master(system, scheme, stop, warnings.append)) as master:
+        recorded = [(key, i) for key, i in master.output_index.items() if is_recorded(key[1])]
+        columns = np.array([i for _, i in recorded])
+        channels = [_channel(system, *key) for key, _ in recorded]
+        facts = {"scheme": scheme, "step_s": step, "fmu_hashes": _hashes(system), **(attributes or {})}
+        try:
+            with ResultWriter(out / FILE_NAME, channels, facts) as result:
+                k = 0
+                if saved is None:
+                    result.append(start, master.outputs[columns])
+                else:
+                    master.restore(saved)
+                    k = int(saved["step"])
+                    for t, row in zip(*earlier(start + k * step, channels)):
+                        result.append(t, row)
+                shown, began = 0.0, time.perf_counter()
+                while k < n_steps and not interrupted():
+                    master.step(start + k * step, step)
+                    k += 1
+                    if k % every == 0 or k == n_steps:
+                        result.append(start + k * step, master.outputs[columns])
+                    if checkpoint_steps and k % checkpoint_steps == 0:
+                        result.flush()
+                        _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k)
+                    now = time.perf_counter()
+                    if now - shown > 0.1 or k == n_steps:
+                        shown = now
+                        progress(start + k * step, stop)
+                status = "complete" if k == n_steps else "interrupted"
+                result.close(status)
+        except SlaveError as error:
+            warned = "".join(f"\nwarned before: {text}" for text in warnings)
+            raise SlaveError(f"{error}; the steps before it are in {out / FILE_NAME}{warned}") from error
     wall = time.perf_counter() - began
     return Outcome(out / FILE_NAME, start + k * step, wall, status, scheme, step, warnings)
 
