@@ -6,6 +6,7 @@ FMPy loads the FMU and keeps its life cycle; the calls of every step go straight
 from __future__ import annotations
 
 import ctypes
+import sys
 from ctypes import POINTER, c_double, c_int, c_uint, c_void_p
 from pathlib import Path
 from urllib.parse import unquote
@@ -77,6 +78,11 @@ class Slave:
         if (resources / "slavemodule.txt").is_file():
             # pythonfmu's wrapper decodes no more of the URI than blanks, and crashes on /home/jürgen or /home/me@example.org.
             location = unquote(location)
+            if sys.platform == "win32" and not location.isascii():
+                raise SlaveError(
+                    f"{self.name}: on Windows pythonfmu's wrapper crashes in folders with letters outside ASCII, such as "
+                    f"{self._directory}; set WIN_PD_OVERRIDE_LOCAL_APPDATA to a folder without, which then holds the cache"
+                )
         texts = [text.encode() for text in (self.name, self.description.guid, location)]
         component = self._fmu.fmi2Instantiate(texts[0], fmi2CoSimulation, *texts[1:], ctypes.byref(self._callbacks), False, True)
         if component is None:

@@ -13,7 +13,7 @@ import pytest
 
 from cdl_fmu import BCM
 from cdl_fmu.slave.build import build_fmu, cached_fmu
-from orchestrator.fmu import Slave
+from orchestrator.fmu import Slave, SlaveError
 from orchestrator.ssp.system import load_component
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +79,13 @@ def test_an_fmu_runs_from_a_folder_of_any_name(tmp_path):
     slave.initialise(0.0, None, {})
     slave.step(0.0, 1e-3)
     slave.close()
+
+
+def test_windows_refuses_an_fmu_in_a_folder_that_its_wrapper_does_not_find(tmp_path, monkeypatch):
+    component = load_component("bcm", cached_fmu(BCM(1)), tmp_path / "jürgen")
+    monkeypatch.setattr("orchestrator.fmu.sys.platform", "win32")
+    with pytest.raises(SlaveError, match=r"letters outside ASCII, such as .*jürgen.*; set WIN_PD_OVERRIDE_LOCAL_APPDATA to a folder"):
+        Slave("bcm", component.model_description, component.directory, lambda text: None)
 
 
 def test_a_built_fmu_is_alone_in_its_folder_and_readable_to_those_the_umask_allows(tmp_path):

@@ -72,7 +72,7 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         # All FMUs of a process share one table of modules: a name of its own for each content.
         module = f"{model.identifier}_{hashlib.sha256(script.encode()).hexdigest()[:12]}"
         script_file = Path(folder, f"{module}.py")
-        script_file.write_text(script)
+        script_file.write_text(script, encoding="utf-8", newline="\n")
         known_path = list(sys.path)
         try:
             packed = FmuBuilder.build_FMU(script_file, dest=folder)
@@ -87,10 +87,11 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
 
 
 def _repack(source: Path, target: Path) -> None:
-    """Same files, sorted, without time stamps: the same sources give the same bytes."""
+    """Same files, sorted, without time stamps: the same sources give the same bytes, whatever the system."""
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
         for name in sorted(old.namelist()):
             info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+            info.create_system = 3  # Unix, on Windows too
             info.external_attr = 0o644 << 16
             info.compress_type = zipfile.ZIP_DEFLATED
             with old.open(name) as content, new.open(info, "w") as out:
