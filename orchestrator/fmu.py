@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from ctypes import POINTER, c_double, c_int, c_uint, c_void_p
+from ctypes import c_double, c_int, c_uint, c_void_p
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -70,7 +71,7 @@ class Slave:
         self._alive = False
         self._component = self._instantiate()
         self._alive = True
-        self._do_step = self._function("DoStep", [c_void_p, c_double, c_double, c_int])
+        self._do_step = self._function("DoStep", c_void_p, c_double, c_double, c_int)
 
     def _instantiate(self) -> c_void_p:
         resources = self._directory.absolute() / "resources"
@@ -130,28 +131,28 @@ class Slave:
             index = np.array([i for i, n in enumerate(names) if _BASE_TYPES[self.variables[n].type] == (suffix, dtype)], dtype=int)
             if index.size == 0:
                 continue
-            references = np.array([self.variables[names[i]].valueReference for i in index], dtype=np.uint32)
+            references = (c_uint * index.size)(*(self.variables[names[i]].valueReference for i in index))
             # Reals of one kind are exchanged in place; any other selection goes through a buffer of its own type.
             in_place = index.size == len(names) and dtype is np.float64
             buffer = values if in_place else np.zeros(index.size, dtype)
-            function = self._function(direction + suffix, [c_void_p, POINTER(c_uint), ctypes.c_size_t, c_void_p])
-            call = (self._component, references.ctypes.data_as(POINTER(c_uint)), index.size, buffer.ctypes.data_as(c_void_p))
-            groups.append((function, call, None if in_place else (values, index, buffer), references))
+            # Arguments of ctypes' own types, made once, need no conversion at a call.
+            arguments = (self._component, references, ctypes.c_size_t(index.size), buffer.ctypes.data_as(c_void_p))
+            groups.append((partial(self._function(direction + suffix), *arguments), None if in_place else (values, index, buffer)))
         return groups
 
     def set(self, t: float) -> None:
         """Send the bound inputs."""
-        for function, call, copy, _ in self._sets:
+        for call, copy in self._sets:
             if copy:
                 values, index, buffer = copy
                 buffer[:] = values[index]
-            if function(*call) > _WARNING or self._errors:
+            if call() > _WARNING or self._errors:
                 self._raise("refused its inputs", t)
 
     def get(self, t: float) -> None:
         """Fetch the bound outputs."""
-        for function, call, copy, _ in self._gets:
-            if function(*call) > _WARNING:
+        for call, copy in self._gets:
+            if call() > _WARNING:
                 self._raise("did not give its outputs", t)
             if copy:
                 values, index, buffer = copy
@@ -197,7 +198,7 @@ class Slave:
             finally:
                 self._fmu.freeInstance()
 
-    def _function(self, name: str, arguments: list):
+    def _function(self, name: str, *arguments):
         function = getattr(self._fmu.dll, f"fmi2{name}")
         # A prototype of our own: FMPy's objects for the same functions stay as they are.
         return ctypes.PYFUNCTYPE(c_int, *arguments)(ctypes.cast(function, c_void_p).value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class Instance:
         self._warned: set[int] = set()
         self._x = self.block[self.slices["x"]]
         self._bounds = {part: (self.block[self.slices[part]], *_bounds(model.scalars[part])) for part in ("p", "u")}
-        self._first_outside = compiled(_first_outside, *self._bounds["u"])
+        self._first_outside = {part: partial(compiled(_first_outside, *b), *b) for part, b in self._bounds.items()}
         self._functions = None
         for key, value in parameters.items():
             self.set_parameter(key, value)
@@ -168,7 +168,7 @@ class Instance:
         return np.frombuffer(data)
 
     def _check(self, part: str, kind: str, t: float | None = None) -> None:
-        i = self._first_outside(*self._bounds[part])
+        i = self._first_outside[part]()
         if i >= 0:
             value, when = self._bounds[part][0][i], "" if t is None else f" at t = {t:.6g} s"
             raise ModelError(f"{self.name}: {kind} {describe_violation(self.model.scalars[part][i], value)}{when}")
