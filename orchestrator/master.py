@@ -74,7 +74,7 @@ class Master:
         except SlaveError as error:
             raise SlaveError(f"{error}{self._senders(str(error))}") from error
         # One dot product finds any NaN or infinity among the outputs.
-        if not np.isfinite(np.dot(self.outputs, self.outputs)) and (found := self._not_finite()):
+        if not math.isfinite(self.outputs.dot(self.outputs)) and (found := self._not_finite()):
             raise SlaveError(f"output {found} is not finite after the step at t = {t:.6g} s; correct the FMU that gives it")
         if self._guard is not None and self._steps % _GUARD_EVERY == 0:
             self._guard.check(t, h)
