@@ -61,7 +61,7 @@ def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, o
     if not path.is_file():
         raise ExperimentError(f"no experiment {str(source)!r}: use one of {', '.join(EXPERIMENTS)} or the path of a .toml file")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows' editors write a byte order mark
         tables = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ExperimentError(f"{path.name} is no text in UTF-8 ({error}): give an experiment's .toml file") from None
@@ -96,7 +96,7 @@ class Experiment:
 
     def __init__(self, path: Path, text: str, tables: Mapping, options: Mapping[str, str]):
         self.name, self.text = path.stem, text
-        self._file, self._options = path.name, options
+        self._file, self._folder, self._options = path.name, path.parent, options
         for key, value in tables.items():
             if key != "title" and not isinstance(value, Mapping):
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
@@ -170,9 +170,11 @@ class Experiment:
         return {wheel: given[wheel] for wheel in WHEELS}
 
     def _soil(self, table: dict) -> dict:
-        chosen = table.pop("set", "mss_d")
+        chosen = str(table.pop("set", "mss_d"))
+        if chosen.endswith(".toml") and "soil.set" not in self._options:
+            chosen = self._folder / chosen  # as the file means it, wherever the command is given
         try:
-            return {**load_soil(str(chosen)), **table}
+            return {**load_soil(chosen), **table}
         except SoilError as error:
             raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None
 

@@ -1,5 +1,7 @@
 """Experiments: what their values become, and where a run starts."""
 
+from importlib import resources
+
 import numpy as np
 import pytest
 
@@ -86,3 +88,16 @@ def test_a_start_pose_of_the_users_is_kept(tmp_path):
     parts = assemble(load_experiment("two_wheel", overrides={"rover.start.z": 0.15})).instances
     assert parts["rover"].y["wheel"]["r_0"][:, 2] == pytest.approx([0.15, 0.15])
     assert parts["bcm"].u["wheel"]["r_0"][:, 2] == pytest.approx([0.15, 0.15])
+
+
+def test_a_soil_of_ones_own_lies_beside_the_experiment_wherever_that_is_run(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    text = (resources.files("cdl_fmu.soil") / "mss_d.toml").read_text(encoding="utf-8").replace("66.5", "99.5")
+    (tmp_path / "there" / "soil.toml").write_text(text, encoding="utf-8-sig")  # as Windows' editors write it
+    own = tmp_path / "there" / "own.toml"
+    own.write_text('[tiers]\nfront = "BCM"\nrear = "BCM"\n[soil]\nset = "soil.toml"\n', encoding="utf-8-sig")
+    monkeypatch.chdir(tmp_path)
+    assert load_experiment("there/own.toml").instances()["bcm"].p.c == 99.5
+    # An option means the folder it is given in.
+    chosen = load_experiment("two_wheel", overrides={"soil.set": "there/soil.toml"})
+    assert chosen.instances()["bcm"].p.c == 99.5

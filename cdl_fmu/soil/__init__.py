@@ -48,7 +48,7 @@ def load_soil(name_or_path: str | Path) -> dict[str, float]:
     if path.suffix != ".toml":
         path = _FOLDER / f"{name_or_path}.toml"
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise SoilError(f"no soil set {str(name_or_path)!r}: use one of {', '.join(shipped_soils())} or the path of a .toml file") from None
     except tomllib.TOMLDecodeError as error:
