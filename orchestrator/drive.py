@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import platformdirs
 
@@ -54,40 +55,42 @@ def simulate(
     out = Path("results", source.stem) if out is None else Path(out)
     record_interval = None
     attributes: dict[str, object] = {"versions": {name: version(name) for name in _TOOLS}}
-    if source.suffix == ".ssp":
-        if tiers or overrides:
-            raise RunError(f"--tiers and --set change an experiment; {source.name} is a finished system: export it anew with them")
-        package = source
-    else:
-        status("loading models")
-        from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
+    # Not yet in ``out``: a run that is refused leaves the folder of an earlier one as it is.
+    with TemporaryDirectory() as folder:
+        if source.suffix == ".ssp":
+            if tiers or overrides:
+                raise RunError(f"--tiers and --set change an experiment; {source.name} is a finished system: export it anew with them")
+            package = source
+        else:
+            status("loading models")
+            from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
 
-        experiment = load_experiment(source, tiers=tiers, overrides=overrides)
-        settings = experiment.settings
-        scheme, step = scheme or settings.scheme, settings.step if step is None else step
-        record_interval = settings.record_interval
-        attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
-        status("settling the rover and building the FMUs; the first time, kernels are compiled")
-        out.mkdir(parents=True, exist_ok=True)
-        package = out / "system.ssp"
-        experiment.write_system(package)
-        if stop_time is None:
-            stop_time = settings.stop_time
-    status("loading the FMUs")
-    system = read_system(package, UNPACKED)
-    attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system)}
-    outcome = run(
-        system,
-        out,
-        scheme=scheme or "ij",
-        step=(system.step_size or 1e-3) if step is None else step,
-        stop_time=stop_time,
-        record_interval=record_interval,
-        attributes=attributes,
-        progress=progress,
-        checkpoint_every=checkpoint_every,
-        resume=None if resume is None else Path(resume),
-    )
+            experiment = load_experiment(source, tiers=tiers, overrides=overrides)
+            settings = experiment.settings
+            scheme, step = scheme or settings.scheme, settings.step if step is None else step
+            record_interval = settings.record_interval
+            attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
+            status("settling the rover and building the FMUs; the first time, kernels are compiled")
+            package = Path(folder, "system.ssp")
+            experiment.write_system(package)
+            if stop_time is None:
+                stop_time = settings.stop_time
+        status("loading the FMUs")
+        system = read_system(package, UNPACKED)
+        attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system)}
+        outcome = run(
+            system,
+            out,
+            scheme=scheme or "ij",
+            step=(system.step_size or 1e-3) if step is None else step,
+            stop_time=stop_time,
+            record_interval=record_interval,
+            attributes=attributes,
+            package=package,
+            progress=progress,
+            checkpoint_every=checkpoint_every,
+            resume=None if resume is None else Path(resume),
+        )
     try:
         plot(open_result(outcome.result)).savefig(out / "result.png")
     except ResultError as error:  # a foreign system has no wheels to draw

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import shutil
 import signal
 import threading
 import time
@@ -47,6 +48,7 @@ def run(
     stop_time: float | None = None,
     record_interval: float | None = None,
     attributes: Mapping[str, object] | None = None,
+    package: Path | None = None,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     checkpoint_every: float | None = None,
     resume: Path | None = None,
@@ -61,6 +63,7 @@ def run(
         stop_time: End [s]; the system's own by default.
         record_interval: Time between two recorded rows [s], taken as the nearest multiple of the step; by default every step.
         attributes: Stored with the result.
+        package: The system's SSP, kept beside the result once nothing refuses the run any more.
         progress: Called now and then with the time reached and the stop time [s].
         checkpoint_every: Simulated time between checkpoints [s].
         resume: Checkpoint to go on from, with the same system, scheme and step; its result file is completed.
@@ -82,15 +85,16 @@ def run(
     saved = None if resume is None else _read_checkpoint(resume, identity)
     if saved is not None and int(saved["step"]) > n_steps:
         raise RunError(f"{resume} lies at t = {start + int(saved['step']) * step:g} s, after the stop time {stop:g} s; give a later one")
-    earlier = None if resume is None else _earlier_rows(resume)
+    earlier = None if saved is None else _earlier_rows(resume, saved)
     # From before the FMUs are loaded: an interrupt while one that is written in Python starts would look like that one's failure.
     with _interrupts() as interrupted, closing(Master(system, scheme, stop, warnings.append)) as master:
         recorded = [(key, i) for key, i in master.output_index.items() if is_recorded(key[1])]
         columns = np.array([i for _, i in recorded])
         channels = [_channel(system, *key) for key, _ in recorded]
-        facts = {"scheme": scheme, "step_s": step, "fmu_hashes": _hashes(system), **(attributes or {})}
+        facts = {"scheme": scheme, "step_s": step, "identity": identity, "fmu_hashes": _hashes(system), **(attributes or {})}
         try:
             with ResultWriter(out / FILE_NAME, channels, facts) as result:
+                _keep(package, out)
                 k = 0
                 if saved is None:
                     result.append(start, master.outputs[columns])
@@ -107,7 +111,8 @@ def run(
                         result.append(start + k * step, master.outputs[columns])
                     if checkpoint_steps and k % checkpoint_steps == 0:
                         result.flush()
-                        _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k)
+                        last_row = start + (k if k == n_steps else k - k % every) * step
+                        _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k, last_row)
                     now = time.perf_counter()
                     if now - shown > 0.1 or k == n_steps:
                         shown = now
@@ -119,6 +124,12 @@ def run(
             raise SlaveError(f"{error}; the steps before it are in {out / FILE_NAME}{warned}") from error
     wall = time.perf_counter() - began
     return Outcome(out / FILE_NAME, start + k * step, wall, status, scheme, step, warnings)
+
+
+def _keep(package: Path | None, out: Path) -> None:
+    kept = out / "system.ssp"
+    if package is not None and not (kept.exists() and package.samefile(kept)):
+        shutil.copyfile(package, kept)
 
 
 def _whole(duration: float, step: float, what: str, least: int = 0) -> int:
@@ -165,10 +176,10 @@ def _identity(system: System, scheme: str, step: float) -> str:
     return hashlib.sha256(repr((_hashes(system), parameters, system.connections, scheme, step)).encode()).hexdigest()
 
 
-def _write_checkpoint(path: Path, master: Master, identity: str, k: int) -> None:
+def _write_checkpoint(path: Path, master: Master, identity: str, k: int, last_row: float) -> None:
     part = path.with_suffix(".part")
     with part.open("wb") as file:
-        np.savez_compressed(file, identity=identity, step=k, **master.save())
+        np.savez_compressed(file, identity=identity, step=k, last_row=last_row, **master.save())
     part.replace(path)
 
 
@@ -187,12 +198,15 @@ def _read_checkpoint(path: Path, identity: str) -> dict[str, np.ndarray]:
     return saved
 
 
-def _earlier_rows(resume: Path):
+def _earlier_rows(resume: Path, saved: Mapping[str, np.ndarray]):
     """Rows up to the checkpoint, from the result file beside it; read now, as the new result may replace that file."""
     path = resume.parent / FILE_NAME
     if not path.exists():
         raise RunError(f"{path} is missing: a checkpoint is resumed together with the result file beside it")
     earlier = open_result(path)
+    # The folder may have been used again since.
+    if earlier.attrs.get("identity") != str(saved["identity"]) or not np.any(earlier["time"].values >= float(saved["last_row"]) - 1e-9):
+        raise RunError(f"{path} is not the result that {resume.name} belongs to: it was replaced by another run; run again from the start")
 
     def rows(until: float, channels: list[Channel]):
         if [c.name for c in channels] != list(earlier["channel"].values):

@@ -218,6 +218,13 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path, folder):
     assert "a checkpoint is resumed together with the result file beside it" in refusal(*resume, tmp_path / "alone.npz")
 
 
+def test_a_refused_run_leaves_the_folder_as_it_is(tmp_path, folder):
+    shutil.copytree(folder, copy := tmp_path / "copy")
+    refusal("run", "two_wheel", "--resume", copy / "checkpoint_0.020s.npz", "--set", "soil.phi=0.3")
+    for file in folder.iterdir():
+        assert (copy / file.name).read_bytes() == file.read_bytes()
+
+
 def test_a_failed_run_says_what_it_leaves_and_what_it_had_warned_of(tmp_path):
     text = refusal("run", "two_wheel", "--scheme", "gs", "--set", "bcm.c_d=1000", "--stop-time", 0.1, "--out", tmp_path)
     assert text.index("error: rover did not do the step") < text.index(f"the steps before it are in {tmp_path / 'result.nc'}")

@@ -40,6 +40,14 @@ def test_a_checkpoint_of_another_run_is_refused(system, tmp_path):
         run(system, tmp_path / "a", resume=tmp_path / "a" / "result.nc")
 
 
+def test_a_checkpoint_whose_result_was_replaced_is_refused(system, tmp_path):
+    checkpoint = run(system, tmp_path / "a", checkpoint_every=0.1).result.with_name("checkpoint_0.100s.npz")
+    for other in ({"scheme": "gs-mid"}, {"stop_time": 0.05}):
+        run(system, tmp_path / "a", **other)
+        with pytest.raises(RunError, match=r"result\.nc is not the result that checkpoint_0\.100s\.npz belongs to: it was replaced"):
+            run(system, tmp_path / "a", resume=checkpoint)
+
+
 def test_a_stop_time_between_steps_is_refused_with_its_neighbours(system, tmp_path):
     with pytest.raises(RunError, match=r"stop time 0\.0105 s is no multiple of the step 0\.001 s; the nearest are 0\.01 s and 0\.011 s"):
         run(system, tmp_path, stop_time=0.0105)
