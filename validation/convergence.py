@@ -56,7 +56,7 @@ def main(step: float = 1e-3) -> None:
     keep = kept_times(fine["t"], fine["steer_angle"], 0.8)
     print(f"left out: {100 * (1 - keep.mean()):.1f} % of the run")
     change = np.sqrt(np.mean((fine["f"] - finer["f"])[keep] ** 2, axis=0)) / wheel_load
-    print(f"reference 0.05 ms against 0.025 ms: {100 * change[:, [0, 2]].max():.4f} % of wheel load rms at worst")
+    print(f"reference 0.05 ms against 0.025 ms: {100 * change[:, [0, 2]].max():.1e} % of wheel load rms at worst")
     with tempfile.TemporaryDirectory() as folder:
         package = Path(folder, "system.ssp")
         experiment.write_system(package)
