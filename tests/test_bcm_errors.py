@@ -32,6 +32,11 @@ def test_half_a_grouser():
         Instance(BCM(), n_g=2.5).initialise()
 
 
+def test_more_grousers_than_room():
+    with pytest.raises(ModelError, match=r"n_g = 500: grousers of t_g = 0.002 m fill more than the 0.848 m around their tips; use fewer"):
+        Instance(BCM(), n_g=500).initialise()
+
+
 def test_parameter_out_of_bounds():
     with pytest.raises(ModelError, match=r"eta = 2: it must be at most 1 \(Least ratio of exit to entry angle"):
         Instance(BCM(), eta=2).initialise()

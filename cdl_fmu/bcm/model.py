@@ -95,6 +95,11 @@ class BCM(KernelModel):
             )
         if p.n_g != math.floor(p.n_g):
             raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")
+        around = 2.0 * math.pi * (p.r_w + p.h_g)
+        if p.n_g * p.t_g > around:
+            raise ModelError(
+                f"n_g = {p.n_g:g}: grousers of t_g = {p.t_g:g} m fill more than the {around:.3g} m around their tips; use fewer or thinner"
+            )
 
 
 @kernel
