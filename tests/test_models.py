@@ -14,6 +14,7 @@ from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Choice
 from cdl_fmu.slave.units import base_unit
 from fmus import SHIPPED
+from mbs.driver import Driver
 from orchestrator.fmu import Slave, SlaveError
 
 every_model = pytest.mark.parametrize("model", SHIPPED, ids=lambda m: m.identifier)
@@ -83,6 +84,13 @@ def test_the_fmu_is_valid_and_complete(model, fmu):
 def test_the_same_sources_give_the_same_bytes(model, fmu, tmp_path):
     again = build_fmu(model, tmp_path / "again.fmu")
     assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(fmu(model)[0].read_bytes()).digest()
+
+
+def test_a_model_of_a_script_is_refused(tmp_path):
+    """Its FMU would look for the class in its host's own main module."""
+    script = type("Script", (Driver,), {"__module__": "__main__"})
+    with pytest.raises(ModelError, match="Script is defined in a script: move it to a module that can be imported"):
+        build_fmu(script(), tmp_path / "script.fmu")
 
 
 @every_model

@@ -16,7 +16,7 @@ from pythonfmu import FmuBuilder
 
 from .description import DISTRIBUTION, installed_version, model_guid
 from .kernel import cache_folder, sources_hash
-from .model import Model
+from .model import Model, ModelError
 
 _SCRIPT = '''"""FMU {identifier} of {distribution} {version}; the model itself is in the installed package."""
 
@@ -53,10 +53,12 @@ def cached_fmu(model: Model, starts: Mapping[str, float] = MappingProxyType({}))
 def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingProxyType({})) -> Path:
     """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``.
 
-    ``starts`` replaces start values of parameters and inputs, by FMI name.
+    ``starts`` replaces start values of parameters and inputs, by FMI name. Raises ModelError for a class that cannot be imported by name.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     cls = type(model)
+    if cls.__module__ == "__main__":
+        raise ModelError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to build an FMU of it")
+    path.parent.mkdir(parents=True, exist_ok=True)
     script = _SCRIPT.format(
         identifier=model.identifier,
         distribution=DISTRIBUTION,
