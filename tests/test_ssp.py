@@ -56,7 +56,7 @@ def test_default_experiment_and_step(read):
     assert (system.start_time, system.stop_time, system.step_size) == (1.0, 4.0, 0.002)
     system = read(structure(body))
     assert (system.start_time, system.stop_time, system.step_size) == (0.0, None, None)
-    assert "stopTime = 1 s is not after startTime = 2 s" in message(
+    assert "stopTime = 1 s is before startTime = 2 s" in message(
         read, structure(body, '<ssd:DefaultExperiment startTime="2" stopTime="1"/>')
     )
 

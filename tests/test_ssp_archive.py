@@ -88,7 +88,7 @@ def test_xml_entities(read, tmp_path):
     text = message(read, BOMB + one())
     assert "SystemStructure.ssd, line 1: a document type declaration (DTD, entities) is not allowed; remove it" in text
     bomb = write_fmu(tmp_path / "bomb.fmu", describe(prolog=BOMB))
-    assert "modelDescription.xml, line 1: a document type declaration" in message(read, one(), {"plant": bomb})
+    assert "plant.fmu (a): modelDescription.xml, line 1: a document type declaration" in message(read, one(), {"plant": bomb})
     external = '<!DOCTYPE x SYSTEM "file:///etc/passwd">' + parameter_set()
     assert "p.ssv, line 1: a document type declaration" in message(read, one(bindings=binding(source="p.ssv")), **{"p.ssv": external})
 

@@ -62,8 +62,8 @@ def _default_experiment(root: Node) -> tuple[float, float | None, float | None]:
     if experiment is None:
         return 0.0, None, None
     start, stop = experiment.number("startTime", 0.0), experiment.number("stopTime", None)
-    if stop is not None and not stop > start:
-        raise SspError(f"{experiment.where}: stopTime = {stop:g} s is not after startTime = {start:g} s; correct one of them")
+    if stop is not None and not stop >= start:
+        raise SspError(f"{experiment.where}: stopTime = {stop:g} s is before startTime = {start:g} s; correct one of them")
     for annotation in experiment.children("Annotations", "Annotation"):
         algorithm = annotation.find("{*}Algorithm/{*}FixedStepAlgorithm")
         if annotation.get("type") == OSP_ANNOTATION and algorithm is not None:

@@ -50,7 +50,10 @@ class System:
 def load_component(name: str, fmu_path: Path, cache_dir: Path) -> Component:
     """Unpack an FMU and read its description. Raises SspError if it is no valid FMI 2.0 co-simulation FMU."""
     directory = unpack(fmu_path, cache_dir)
-    root = parse(directory / "modelDescription.xml")
+    try:
+        root = parse(directory / "modelDescription.xml")
+    except SspError as error:
+        raise SspError(f"{fmu_path.name} ({name}): {error}") from error
     if (version := root.get("fmiVersion")) != "2.0":
         raise SspError(f"{fmu_path.name} ({name}): FMI version {version} is not supported; export it as FMI 2.0 for co-simulation")
     if root.child("CoSimulation") is None:
