@@ -93,7 +93,7 @@ def _result(path: Path) -> Iterator[str | Table]:
     times = result.time.values
     yield f"{facts.get('title', path)}"
     span = f", {times[0]:g} to {times[-1]:g} s in {_count(len(times), 'row')}" if len(times) else ", no rows"
-    yield f"{facts['status']}{span}; scheme {facts.get('scheme', 'unknown')}, step {facts.get('step_s', 'unknown')} s"
+    yield f"{facts.get('status', 'unknown')}{span}; scheme {facts.get('scheme', 'unknown')}, step {facts.get('step_s', 'unknown')} s"
     for wheel in json.loads(facts.get("wheels", "[]")):
         place = f"{wheel['instance']}.diagnostics[{wheel['index']}], rover.wheel[{wheel['rover_index']}]"
         yield f"wheel {wheel['name']}: {wheel['tier']}, {place}"

@@ -70,10 +70,12 @@ def settle(rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> dict[
             return {"start.z": float(q[_Z]), "start.pitch": float(q[_PITCH])}
         slope = response @ (stiffness[:, None] * heights)  # d(-acceleration)/dq
         if np.linalg.matrix_rank(slope) == 2:
-            move = np.clip(_SHARE * np.linalg.solve(slope, acceleration), -_LOWERING, _LOWERING)
-        else:  # not every wheel has met the ground
-            move = np.array([-_LOWERING, 0.0]) if not stiffness.any() else np.clip(1e-3 * acceleration, -_LOWERING, _LOWERING)
-        q[free] += move
+            move = _SHARE * np.linalg.solve(slope, acceleration)
+        elif acceleration[0] < 0.0 and not stiffness.any():  # in the air
+            move = np.array([-_LOWERING, 0.0])
+        else:  # not every wheel has met the ground, or its force does not grow with sinkage
+            move = 1e-3 * acceleration
+        q[free] += np.clip(move, -_LOWERING, _LOWERING)
     raise ModelError(f"{rover.name} does not come to rest on its contacts: check mass, soil and ground_z, or give rover.start.z")
 
 

@@ -35,6 +35,9 @@ class BCM(KernelModel):
     Bekker's normal stress (8.5) and a shear stress by shear velocity (8.6), limited by Mohr and Coulomb (8.7), are integrated
     over the rim between the entry and the exit angle; grousers and wheel sides bear Rankine's passive earth pressure (8.8).
 
+    Known limit: the exit angle follows the rim's speed even where the wheel stands still, so on soil with almost no friction
+    (phi below 0.05 rad) a spinning wheel is pushed backwards and the contact gives up to 1 W; from 0.2 rad on it only takes power.
+
     Args:
         n_wheels: Number of wheels.
         n_patches: 0 for flat ground at ``ground_z``, or n_wheels: patch i is the ground of wheel i, and its contact plane is fitted
@@ -46,7 +49,7 @@ class BCM(KernelModel):
         | SOIL
         | WHEEL
         | Record(
-            ground_z=Real(0.0, "m", "Height of the undeformed flat ground", min=-1e6, max=1e6),
+            ground_z=Real(0.0, "m", "Height of the undeformed ground; sinkage counts from it, on a patch too", min=-1e6, max=1e6),
             eta=Real(0.5, "1", "Least ratio of exit to entry angle, reached when driving", min=0.0, max=1.0),
             V_theta=Real(0.01, "m/s", "Speed over which the exit angle falls from the entry angle to eta of it", min=1e-6, max=100.0),
             V_j=Real(0.05, "m/s", "Shear velocity that mobilises 63 % of the shear strength", min=1e-6, max=100.0),
