@@ -19,7 +19,7 @@ import platformdirs
 CACHE = platformdirs.user_cache_path("cdl-fmu", appauthor=False)
 
 _ROOT = Path(__file__).resolve().parents[2]
-_OPTIONS = dict(error_model="numpy", boundscheck=False, nogil=True)
+_OPTIONS = dict(error_model="numpy", boundscheck=False)
 
 
 class CacheError(Exception):
