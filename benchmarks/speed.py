@@ -24,9 +24,8 @@ import orchestrator
 from cdl_fmu import BCM, Instance
 from mbs.driver import Driver
 from mbs.rover import Rover
-from orchestrator.drive import UNPACKED
 from orchestrator.master import Master
-from orchestrator.ssp import read_system
+from orchestrator.ssp import UNPACKED, read_system
 
 H = 1e-3
 BLOCKS = 30

@@ -133,13 +133,13 @@ def _run_kernels() -> None:
 def _run_fmu() -> None:
     from cdl_fmu.bcm import BCM
     from cdl_fmu.slave.build import cached_fmu
-    from cdl_fmu.slave.kernel import CACHE
 
     from .fmu import Slave
+    from .ssp import UNPACKED
     from .ssp.system import load_component
 
     model = BCM(1)
-    component = load_component(model.identifier, cached_fmu(model), CACHE / "unpacked")
+    component = load_component(model.identifier, cached_fmu(model), UNPACKED)
     slave = Slave(component.name, component.model_description, component.directory, lambda text: None)
     try:
         slave.initialise(0.0, 1e-3, {})

@@ -7,15 +7,12 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import platformdirs
-
 from .report import plot
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
-from .ssp import read_system
+from .ssp import UNPACKED, read_system
 from .wheels import ground_of, wheels_of
 
-UNPACKED = platformdirs.user_cache_path("cdl-fmu", appauthor=False) / "unpacked"
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
 

@@ -12,10 +12,10 @@ from fmpy.model_description import ScalarVariable
 from rich.table import Table
 
 from cdl_fmu.slave.build import cached_fmu
-from cdl_fmu.slave.kernel import CACHE
 from fmus import SHIPPED
 
 from .results import ResultError, open_result
+from .ssp import UNPACKED
 from .ssp.system import Component, load_component
 from .terminal import table
 
@@ -38,7 +38,7 @@ def describe(what: str) -> Iterator[str | Table]:
         if what not in shipped:
             raise ResultError(f"no FMU or result {what!r}: give a path, or one of {', '.join(shipped)}")
         path = cached_fmu(shipped[what])
-    return _fmu(load_component(path.stem, path, CACHE / "unpacked"))
+    return _fmu(load_component(path.stem, path, UNPACKED))
 
 
 def fold(facts: Mapping[str, Hashable]) -> Iterator[tuple[str, list[str]]]:

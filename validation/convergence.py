@@ -16,12 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from orchestrator.assemble import assemble
-from orchestrator.drive import UNPACKED
 from orchestrator.experiment import load_experiment
 from orchestrator.results import open_result
 from orchestrator.run import run
 from orchestrator.schemes import SCHEMES
-from orchestrator.ssp import read_system
+from orchestrator.ssp import UNPACKED, read_system
 
 from .reference import simulate_reference
 

@@ -19,7 +19,8 @@ import platformdirs
 CACHE = platformdirs.user_cache_path("cdl-fmu", appauthor=False)
 
 _ROOT = Path(__file__).resolve().parents[2]
-_OPTIONS = dict(error_model="numpy", boundscheck=False)
+#: How numba compiles every kernel, here and for export.
+OPTIONS = dict(error_model="numpy", boundscheck=False)
 
 
 class CacheError(Exception):
@@ -57,7 +58,7 @@ def kernel(function):
     """Compile a function as a kernel: plain numba, no Python objects, no allocation (see CONTRIBUTING.md for the rules)."""
     saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder("kernels", sources_hash()[:16]))
     try:
-        return numba.njit(cache=True, **_OPTIONS)(function)
+        return numba.njit(cache=True, **OPTIONS)(function)
     finally:
         numba.config.CACHE_DIR = saved
 

@@ -71,6 +71,8 @@ def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
     import numpy as np
     from numba import carray, float64, int32, types
 
+    from .kernel import OPTIONS
+
     parts = {"p": model.parameters, "u": model.inputs, "x": model.state, "y": model.outputs}
     block = types.CPointer(numba.from_dtype(np.dtype([(name, record.dtype) for name, record in parts.items()])))
     initialise_kernel, step_kernel = model.initialise_kernel, model.step_kernel
@@ -87,7 +89,7 @@ def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
     compiled = {}
     for function, signature in (initialise, (float64, block)), (step, (float64, float64, block)):
         # Not cfunc: its wrapper pulls in Python's C API.
-        entry = numba.njit(error_model="numpy", boundscheck=False, nogil=True)(function)
+        entry = numba.njit(**OPTIONS)(function)
         entry.compile(signature)
         result = entry.overloads[signature]
         compiled[f"{model.identifier}_{function.__name__}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name

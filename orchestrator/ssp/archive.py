@@ -12,6 +12,11 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
+import platformdirs
+
+#: Where this machine's runs unpack to, in the user's cache.
+UNPACKED = platformdirs.user_cache_path("cdl-fmu", appauthor=False) / "unpacked"
+
 MAX_ENTRIES = 20_000
 MAX_BYTES = 4 * 2**30
 # Own choice: text rarely packs better than 1:60, a bomb reaches 1:1000; small archives may do as they like.
