@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 
 from .kernel import compiled, kernel, record_entry
+from .pool import Pool
 from .records import Choice, Record, Scalar
+from .state import State
 
 
 class ModelError(Exception):
@@ -37,6 +40,7 @@ class Model:
         parameters, inputs, state, outputs: Records p, u, x, y.
         events: Meaning of the status numbers that ``step`` returns (0 = fine).
         feedthrough: False if no output at t depends on an input at t, so that a master may break a cycle here.
+        pool_class: Class of the pools that ``make_pool`` makes, None without.
     """
 
     identifier: str
@@ -46,12 +50,16 @@ class Model:
     outputs: Record
     events: dict[int, Event] = {}
     feedthrough = True
+    pool_class: type[Pool] | None = None
 
     def __init__(self, **sizes: int):
         self.sizes = sizes
 
     def check(self, p: np.recarray) -> None:
         """Raise ModelError for parameters that are within their bounds but do not fit together: ``name = value unit: why; remedy``."""
+
+    def make_pool(self, p: np.recarray, files: dict[str, Path]) -> Pool | None:
+        """A new pool for these parameters, which are within their bounds and fit together; None for a model that has its records alone."""
 
     def bind(self, instance: Instance):
         """Return the pair ``(initialise(t), step(t, h) -> status)`` that works on the instance's memory."""
@@ -67,20 +75,29 @@ _PARTS = {"p": "parameters", "u": "inputs", "x": "state", "y": "outputs"}
 
 
 class KernelModel(Model):
-    """A model whose functions are kernels ``initialise_kernel(t, p, x, y)`` and ``step_kernel(t, h, p, u, x, y) -> status``."""
+    """A model whose functions are kernels ``initialise_kernel(t, p, x, y)`` and ``step_kernel(t, h, p, u, x, y) -> status``.
+
+    Where the model has a pool, the pool's arrays follow: ``step_kernel(t, h, p, u, x, y, *arrays)``.
+    """
 
     initialise_kernel: object
     step_kernel: object
 
     def bind(self, instance: Instance):
         P, U, X, Y = instance.arrays
-        initialise = compiled(record_entry(self.initialise_kernel, "t, P, X, Y"), 0.0, P, X, Y)
-        step = compiled(record_entry(self.step_kernel, "t, h, P, U, X, Y"), 0.0, 0.0, P, U, X, Y)
-        return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
+        pool = instance.pool
+        arrays = () if pool is None else pool.arrays
+        more = "".join(f", a{i}" for i in range(len(arrays)))
+        initialise = compiled(record_entry(self.initialise_kernel, f"t, P, X, Y{more}"), 0.0, P, X, Y, *arrays)
+        step = compiled(record_entry(self.step_kernel, f"t, h, P, U, X, Y{more}"), 0.0, 0.0, P, U, X, Y, *arrays)
+        if pool is None:
+            return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
+        # The pool's arrays as they are at the time of the call: growth replaces them.
+        return lambda t: initialise(t, P, X, Y, *pool.arrays), lambda t, h: step(t, h, P, U, X, Y, *pool.arrays)
 
 
 class Instance:
-    """One instance of a model: the block of float64 ``[p|u|x|y]`` and the functions that work on it.
+    """One instance of a model: the block of float64 ``[p|u|x|y]``, the pool if the model has one, and the functions that work on both.
 
     ``p, u, x, y`` are NumPy records that read and write the block: ``instance.u.wheel[0].r_0[2] = 0.1``.
 
@@ -104,6 +121,8 @@ class Instance:
         self._x = self.block[self.slices["x"]]
         self._bounds = {part: (self.block[self.slices[part]], *_bounds(model.scalars[part])) for part in ("p", "u")}
         self._first_outside = {part: partial(compiled(_first_outside, *b), *b) for part, b in self._bounds.items()}
+        self.pool: Pool | None = None
+        self._made_for: bytes | None = None  # parameters that the pool was made for
         self._functions = None
         for key, value in parameters.items():
             self.set_parameter(key, value)
@@ -130,42 +149,55 @@ class Instance:
         """Check the parameters and set state and outputs at time t [s], the outputs for the inputs as they are now."""
         self._check("p", "parameter")
         self.model.check(self.p)
-        if self._functions is None:
-            self._functions = self.model.bind(self)
+        self._make_pool()
         self._functions[0](t)
         if self.model.feedthrough:
             # A step of no length gives the outputs at t; it leaves no trace in the state, and what is missing yet may still come.
-            state = self._x.copy()
+            state, pooled = self._x.copy(), self._save_pool()
             self._check("u", "input", t)
+            if self.pool is not None:
+                self.pool.reserve()
             status = self._functions[1](t, 0.0)
             if status and self.model.events[status % STATUS_SPAN].is_error:
                 self._report(status, t)
             self._x[:] = state
+            if pooled is not None:
+                self.pool.restore(pooled)
+
+    def _make_pool(self) -> None:
+        """Make the pool anew for the parameters as they are now, and the functions for it."""
+        self.pool, self._made_for = self.model.make_pool(self.p, {}), self._parameters()
+        if self.pool is not None or self._functions is None:
+            self._functions = self.model.bind(self)
+
+    def _save_pool(self) -> object | None:
+        return None if self.pool is None else self.pool.save()
+
+    def _parameters(self) -> bytes:
+        return self.block[self.slices["p"]].tobytes()
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
         self._check("u", "input", t)
+        if self.pool is not None:
+            self.pool.reserve()
         status = self._functions[1](t, h)
         if status:
             self._report(status, t)
 
-    def save(self) -> np.ndarray:
-        """Copy of the whole state: parameters, inputs, state and outputs."""
-        return self.block.copy()
+    def save(self) -> State:
+        """The whole state: a copy of the block, and the pool at a cost in proportion to what changed in it since the last save."""
+        return State(self.block.copy(), {}, self._save_pool())
 
-    def restore(self, saved: np.ndarray) -> None:
+    def restore(self, saved: State) -> None:
         """Go back to a saved state, to the same bits."""
-        self.block[:] = saved
-
-    @staticmethod
-    def to_bytes(saved: np.ndarray) -> bytes:
-        """A saved state as bytes."""
-        return saved.tobytes()
-
-    @staticmethod
-    def from_bytes(data: bytes) -> np.ndarray:
-        """The saved state that ``to_bytes`` wrote."""
-        return np.frombuffer(data)
+        self.block[:] = saved.block
+        if saved.pool is not None:
+            if self.pool is None or self._made_for != self._parameters():
+                self._make_pool()
+            self.pool.restore(saved.pool)
+        elif self.pool is not None:  # saved before the instance was initialised
+            self.pool = self._functions = None
 
     def _check(self, part: str, kind: str, t: float | None = None) -> None:
         i = self._first_outside[part]()

@@ -16,6 +16,7 @@ from pythonfmu.enums import Fmi2Status
 
 from .description import DISTRIBUTION, installed_version, model_description, model_guid
 from .model import Instance, Model, ModelError
+from .state import State
 
 
 class _Access:
@@ -154,25 +155,25 @@ class RecordSlave(Fmi2Slave):
 
     # -- whole state
 
-    def _get_fmu_state(self):
+    def _get_fmu_state(self) -> State:
         return self.instance.save()
 
-    def _set_fmu_state(self, state) -> None:
+    def _set_fmu_state(self, state: State) -> None:
         self.instance.restore(state)
         self._failure = ""
 
     # The wrapper calls these two on the class.
 
     @classmethod
-    def _fmu_state_to_bytes(cls, state) -> bytes:
-        return cls.built_guid.encode() + Instance.to_bytes(state)
+    def _fmu_state_to_bytes(cls, state: State) -> bytes:
+        return cls.built_guid.encode() + state.to_bytes(cls.make_model().pool_class)
 
     @classmethod
-    def _fmu_state_from_bytes(cls, data: bytes):
+    def _fmu_state_from_bytes(cls, data: bytes) -> State:
         guid = cls.built_guid.encode()
         if data[: len(guid)] != guid:
             raise ModelError(f"this state was saved by another build of {cls.__name__}; restore it with the FMU that saved it")
-        return Instance.from_bytes(data[len(guid) :])
+        return State.from_bytes(data[len(guid) :], cls.make_model().pool_class)
 
 
 @cache

@@ -1,0 +1,72 @@
+"""A small model with a pool: what falls at a place makes a heap there, and memory grows with the number of heaps."""
+
+import numpy as np
+
+from cdl_fmu.slave.kernel import kernel
+from cdl_fmu.slave.model import STATUS_SPAN, Event, KernelModel, ModelError
+from cdl_fmu.slave.pool import RowPool
+from cdl_fmu.slave.records import Real, Record
+
+CELLS, FULL = 4, 1
+
+
+class Heaps(KernelModel):
+    """Rows of ``CELLS`` cells [kg], taken where something falls first; ``marks[r, 1]`` is the place of row r, ``head[1]`` counts steps."""
+
+    identifier = "heaps"
+    events = {FULL: Event("outlet {i}: no heap is left for its place; raise limit")}
+    parameters = Record(
+        rate=Real(1.0, "kg/s", "Mass flow", min=0.0, max=1e3),
+        limit=Real(64.0, "1", "Most heaps", min=1.0, max=1e6),
+    )
+    inputs = Record(place=Real(0.0, "m", "Place of each outlet; a heap is 1 m wide", (2,), min=-1e3, max=1e3))
+    state = Record(steps=Real(0.0, "1", "Steps taken"))
+    outputs = Record(
+        heaps=Real(0.0, "1", "Heaps there are"),
+        mass=Real(0.0, "kg", "Mass of each outlet's heap, times the share of its cells that count", (2,)),
+    )
+    pool_class = RowPool
+
+    def make_pool(self, p, files):
+        return RowPool((CELLS,), marks=2, head=2, per_step=2, limit=int(p.limit), extra=(np.array([1.0, 0.5, 0.25, 0.125]),))
+
+    def check(self, p):
+        if p.limit != int(p.limit):
+            raise ModelError(f"limit = {p.limit:g}: it must be a whole number")
+
+    @staticmethod
+    @kernel
+    def initialise_kernel(t, p, x, y, rows, marks, head, shares):
+        x.steps = 0.0
+        head[1] = 1000
+
+    @staticmethod
+    @kernel
+    def step_kernel(t, h, p, u, x, y, rows, marks, head, shares):
+        x.steps += 1.0
+        head[1] += 1
+        for i in range(len(u.place)):
+            place = int(np.floor(u.place[i]))
+            r = found(marks, head, place)
+            if r < 0:
+                if head[0] == len(rows):
+                    return FULL + STATUS_SPAN * i
+                r = head[0]
+                head[0] += 1
+                marks[r, 1] = place
+            marks[r, 0] = 1
+            rows[r, head[1] % CELLS] += p.rate * h
+            y.mass[i] = 0.0
+            for c in range(CELLS):
+                y.mass[i] += shares[c] * rows[r, c]
+        y.heaps = head[0]
+        return 0
+
+
+@kernel
+def found(marks, head, place):
+    """Row of a place, -1 without."""
+    for r in range(head[0]):
+        if marks[r, 1] == place:
+            return r
+    return -1
