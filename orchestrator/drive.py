@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from .report import plot
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
+from .soil_map import soil_of
 from .ssp import UNPACKED, read_system
 from .wheels import ground_of, wheels_of
 
@@ -84,6 +85,7 @@ def simulate(
             record_interval=record_interval,
             attributes=attributes,
             package=package,
+            soil=soil_of(system),
             progress=progress,
             checkpoint_every=checkpoint_every,
             resume=None if resume is None else Path(resume),

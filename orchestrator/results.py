@@ -2,7 +2,7 @@
 
 One 2-D variable ``series(time, channel)``; a channel's unit and description are coordinates of its name. Everything is float64,
 so two runs can be compared, and a run resumed, to the same bits. Any netCDF tool reads the file; :func:`open_result` adds access
-by name: ``open_result("result.nc").cdl["front.f_0[3]"]``.
+by name: ``open_result("result.nc").cdl["front.f_0[3]"]``. A run on deforming soil also keeps snapshots of its surface.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import h5netcdf
 import h5py
 import numpy as np
 import xarray as xr
+
+from .results_soil import SoilWriter, read_surface
 
 #: Name of the result file in the folder that a run leaves.
 FILE_NAME = "result.nc"
@@ -59,6 +61,7 @@ class ResultWriter:
         _refuse_while_written(path)
         self._hdf5 = h5py.File(path, "w", track_order=True)
         self._file = h5netcdf.File(self._hdf5, "w")
+        self._soil = SoilWriter(self._file)
         self._times = np.empty(BLOCK)
         self._rows = np.empty((BLOCK, len(channels)))
         self._pending = 0
@@ -92,6 +95,15 @@ class ResultWriter:
         self._pending += 1
         if self._pending == BLOCK:
             self.flush()
+
+    def append_soil(self, time: float, surface: xr.DataArray) -> None:
+        """Record the soil's surface z(x, y) [m] at a time [s]; it is on disk before this returns.
+
+        Nodes lie at multiples of one spacing. A time that is not later than the last snapshot's keeps that one.
+        """
+        self._soil.append(time, surface)
+        self._file.flush()
+        self._hdf5.flush()
 
     def flush(self) -> None:
         """Write out what is pending."""
@@ -165,7 +177,10 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 @xr.register_dataset_accessor("cdl")
 class Channels:
-    """The channels of a result by name: ``result.cdl["rover.wheel[1].r_0[3]"]``, ``name in result.cdl``, ``list(result.cdl)``."""
+    """The channels of a result by name: ``result.cdl["rover.wheel[1].r_0[3]"]``, ``name in result.cdl``, ``list(result.cdl)``.
+
+    And its soil: ``result.cdl.soil(t)``, ``result.cdl.soil_times``.
+    """
 
     def __init__(self, result: xr.Dataset):
         self._result = result
@@ -190,3 +205,24 @@ class Channels:
         series = self._result.series[:, column]
         attrs = {"units": str(series.unit.item()), "long_name": str(series.description.item())}
         return series.reset_coords(drop=True).rename(name).assign_attrs(attrs)
+
+    @property
+    def soil_times(self) -> np.ndarray:
+        """Times [s] of the soil's snapshots, shape [n_snapshots]; empty for a run on ground that does not deform."""
+        return self._result.soil_time.values if "soil_time" in self._result else np.empty(0)
+
+    def soil(self, t: float) -> xr.DataArray:
+        """Surface of the soil, height z(x, y) [m] in world, at the last snapshot at or before ``t`` [s] (attribute ``time``).
+
+        It covers the rectangle around all soil that was touched by then; what was not touched has its first height.
+
+        Raises:
+            ResultError: the run was not on deforming soil, or ``t`` lies before its first snapshot.
+        """
+        times = self.soil_times
+        if not times.size:
+            raise ResultError("the result has no soil map: none of its wheels ran on soil that deforms; run it with tier SCM")
+        n = int(np.searchsorted(times, t + 1e-9))  # times are sums of steps
+        if n == 0:
+            raise ResultError(f"no soil map at t = {t:g} s: the result's first is of t = {times[0]:g} s; ask for a later time")
+        return read_surface(self._result, n - 1)

@@ -9,17 +9,21 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
+import xarray as xr
 
 from .fmu import SlaveError
 from .master import Master, is_recorded
 from .results import FILE_NAME, Channel, ResultWriter, open_result
 from .ssp import System
+
+#: Simulated time between two snapshots of the soil [s]: the rover of Table 8.2 moves 3 cm, one node of a BCM wheel's patch.
+SOIL_INTERVAL = 0.25
 
 
 class RunError(Exception):
@@ -49,6 +53,7 @@ def run(
     record_interval: float | None = None,
     attributes: Mapping[str, object] | None = None,
     package: Path | None = None,
+    soil: Callable[[Master], xr.DataArray | None] | None = None,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     checkpoint_every: float | None = None,
     resume: Path | None = None,
@@ -64,6 +69,8 @@ def run(
         record_interval: Time between two recorded rows [s], taken as the nearest multiple of the step; by default every step.
         attributes: Stored with the result.
         package: The system's SSP, kept beside the result once nothing refuses the run any more.
+        soil: Tells the surface z(x, y) [m] of the soil in the master's slaves, None if none was touched yet. The result keeps it as of
+            the start, of every ``SOIL_INTERVAL``, and of the end, whatever ends the run.
         progress: Called now and then with the time reached and the stop time [s].
         checkpoint_every: Simulated time between checkpoints [s].
         resume: Checkpoint to go on from, with the same system, scheme and step; its result file is completed.
@@ -78,6 +85,7 @@ def run(
         raise RunError("no stop time: the system has none, so give --stop-time S")
     n_steps = _whole(stop - start, step, "stop time")
     every = 1 if record_interval is None else max(1, round(record_interval / step))
+    soil_steps = 0 if soil is None else max(1, round(SOIL_INTERVAL / step))
     checkpoint_steps = 0 if checkpoint_every is None else _whole(checkpoint_every, step, "checkpoint interval", least=1)
     out.mkdir(parents=True, exist_ok=True)
     warnings: list[str] = []
@@ -85,7 +93,7 @@ def run(
     saved = None if resume is None else _read_checkpoint(resume, identity)
     if saved is not None and int(saved["step"]) > n_steps:
         raise RunError(f"{resume} lies at t = {start + int(saved['step']) * step:g} s, after the stop time {stop:g} s; give a later one")
-    earlier = None if saved is None else _earlier_rows(resume, saved)
+    replay = None if saved is None else _earlier_result(resume, saved)
     # From before the FMUs are loaded: an interrupt while one that is written in Python starts would look like that one's failure.
     with _interrupts() as interrupted, closing(Master(system, scheme, stop, warnings.append)) as master:
         recorded = [(key, i) for key, i in master.output_index.items() if is_recorded(key[1])]
@@ -95,28 +103,41 @@ def run(
         try:
             with ResultWriter(out / FILE_NAME, channels, facts) as result:
                 _keep(package, out)
+
+                def keep_soil(k: int) -> None:
+                    if soil is not None and (surface := soil(master)) is not None:
+                        result.append_soil(start + k * step, surface)
+
                 k = 0
                 if saved is None:
                     result.append(start, master.outputs[columns])
+                    keep_soil(k)
                 else:
                     master.restore(saved)
                     k = int(saved["step"])
-                    for t, row in zip(*earlier(start + k * step, channels)):
-                        result.append(t, row)
+                    replay(start + k * step, channels, result)
                 shown, began = 0.0, time.perf_counter()
-                while k < n_steps and not interrupted():
-                    master.step(start + k * step, step)
-                    k += 1
-                    if k % every == 0 or k == n_steps:
-                        result.append(start + k * step, master.outputs[columns])
-                    if checkpoint_steps and k % checkpoint_steps == 0:
-                        result.flush()
-                        last_row = start + (k if k == n_steps else k - k % every) * step
-                        _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k, last_row)
-                    now = time.perf_counter()
-                    if now - shown > 0.1 or k == n_steps:
-                        shown = now
-                        progress(start + k * step, stop)
+                try:
+                    while k < n_steps and not interrupted():
+                        master.step(start + k * step, step)
+                        k += 1
+                        if k % every == 0 or k == n_steps:
+                            result.append(start + k * step, master.outputs[columns])
+                        if soil_steps and k % soil_steps == 0:
+                            keep_soil(k)
+                        if checkpoint_steps and k % checkpoint_steps == 0:
+                            result.flush()
+                            last_row = start + (k if k == n_steps else k - k % every) * step
+                            _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k, last_row)
+                        now = time.perf_counter()
+                        if now - shown > 0.1 or k == n_steps:
+                            shown = now
+                            progress(start + k * step, stop)
+                except SlaveError:
+                    with suppress(Exception):  # the slave may not give its state any more; its failure is what counts
+                        keep_soil(k)
+                    raise
+                keep_soil(k)
                 status = "complete" if k == n_steps else "interrupted"
                 result.close(status)
         except SlaveError as error:
@@ -198,8 +219,8 @@ def _read_checkpoint(path: Path, identity: str) -> dict[str, np.ndarray]:
     return saved
 
 
-def _earlier_rows(resume: Path, saved: Mapping[str, np.ndarray]):
-    """Rows up to the checkpoint, from the result file beside it; read now, as the new result may replace that file."""
+def _earlier_result(resume: Path, saved: Mapping[str, np.ndarray]):
+    """Function that repeats the result up to the checkpoint, from the file beside it; read now, as the new result may replace that."""
     path = resume.parent / FILE_NAME
     if not path.exists():
         raise RunError(f"{path} is missing: a checkpoint is resumed together with the result file beside it")
@@ -208,10 +229,14 @@ def _earlier_rows(resume: Path, saved: Mapping[str, np.ndarray]):
     if earlier.attrs.get("identity") != str(saved["identity"]) or not np.any(earlier["time"].values >= float(saved["last_row"]) - 1e-9):
         raise RunError(f"{path} is not the result that {resume.name} belongs to: it was replaced by another run; run again from the start")
 
-    def rows(until: float, channels: list[Channel]):
+    def replay(until: float, channels: list[Channel], result: ResultWriter) -> None:
         if [c.name for c in channels] != list(earlier["channel"].values):
             raise RunError(f"{path} records other channels than this run; resume with the same settings")
-        keep = earlier["time"].values <= until + 1e-9
-        return earlier["time"].values[keep], earlier["series"].values[keep]
+        for t, row in zip(earlier["time"].values, earlier["series"].values):
+            if t <= until + 1e-9:
+                result.append(t, row)
+        for t in earlier.cdl.soil_times:
+            if t <= until + 1e-9:
+                result.append_soil(t, earlier.cdl.soil(t))
 
-    return rows
+    return replay

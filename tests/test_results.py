@@ -103,6 +103,19 @@ def test_a_killed_run_leaves_all_blocks_written_so_far(tmp_path):
     assert result.attrs["status"] == "running"
 
 
+KILLED_ON_SOIL = """
+import os, sys
+import numpy as np
+import xarray as xr
+from orchestrator.results import Channel, ResultWriter
+writer = ResultWriter(sys.argv[1], [Channel("x", "N", "")], {})
+for k in range(3):
+    axes = {"x": 0.01 * np.arange(50), "y": 0.01 * np.arange(40)}
+    writer.append_soil(float(k), xr.DataArray(np.full((50, 40), float(k)), axes, ("x", "y")))
+os._exit(9)
+"""
+
+
 def test_a_wrong_name_is_answered_with_the_nearest(result):
     with pytest.raises(ResultError, match=r"no channel 'front.f_0\[4\]'; the nearest of its 3 are front.f_0\[3\], front.T\[1,2\]"):
         result.cdl["front.f_0[4]"]
@@ -117,6 +130,95 @@ def test_what_is_no_result_is_refused_by_name(tmp_path):
     xr.Dataset({"height": ("x", [0.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     with pytest.raises(ResultError, match=r"other.nc is no result of `cdl run`: it has no variable 'series'; it has \['height'\]"):
         open_result(tmp_path / "other.nc")
+
+
+SPACING = 0.01
+
+
+def surface(i0, j0, z):
+    """Heights on nodes from (i0, j0) on."""
+    x, y = (SPACING * np.arange(first, first + n) for first, n in zip((i0, j0), z.shape))
+    return xr.DataArray(z, {"x": x, "y": y}, ("x", "y"))
+
+
+def rut(n):
+    """Surfaces at 0, 0.25, ... s: a map on negative nodes too that grows on all sides while its heights change here and there."""
+    surfaces = []
+    for k in range(n):
+        x, y = np.meshgrid(np.arange(-16 - 4 * k, 32 + 16 * k), np.arange(-16 - 2 * k, 16 + 3 * k), indexing="ij")
+        surfaces.append(surface(x[0, 0], y[0, 0], np.where((x < 16 * k) & (np.abs(y) < 6), -0.02 - 1e-4 * x, 1e-3 * np.sin(0.3 * x))))
+    return {0.25 * k: z for k, z in enumerate(surfaces)}
+
+
+class TestSoil:
+    @staticmethod
+    def write(path, surfaces):
+        with ResultWriter(path, CHANNELS, {}) as writer:
+            for t, z in surfaces.items():
+                writer.append(t, np.zeros(3))
+                writer.append_soil(t, z)
+        return open_result(path)
+
+    @pytest.fixture
+    def result(self, tmp_path):
+        return self.write(tmp_path / "result.nc", rut(5))
+
+    def test_every_snapshot_reads_back_as_a_map_in_world_coordinates(self, result):
+        assert result.cdl.soil_times.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+        for t, z in rut(5).items():
+            read = result.cdl.soil(t)
+            assert read.dims == ("x", "y")
+            assert np.allclose(read.x, z.x, atol=1e-12) and np.allclose(read.y, z.y, atol=1e-12)
+            assert np.abs(read.values - z.values).max() < 1e-8
+            assert read.attrs == {"units": "m", "long_name": "soil surface", "time": t}
+
+    def test_between_two_snapshots_the_earlier_one_holds(self, result):
+        assert result.cdl.soil(0.7499).equals(result.cdl.soil(0.5))
+        assert result.cdl.soil(100.0).equals(result.cdl.soil(1.0))
+        assert result.cdl.soil(0.25 * (1 - 1e-12)).attrs["time"] == 0.25  # a time is a sum of steps
+
+    def test_a_map_that_moves_on_and_comes_back_has_its_latest_heights(self, tmp_path):
+        here, there = surface(0, 0, np.full((4, 4), 1.0)), surface(100, 0, np.full((4, 4), 2.0))
+        result = self.write(tmp_path / "r.nc", {0.0: here, 1.0: there, 2.0: here + 0.5})
+        assert (result.cdl.soil(0.0) == 1.0).all() and (result.cdl.soil(1.0) == 2.0).all() and (result.cdl.soil(2.0) == 1.5).all()
+
+    def test_only_what_changed_takes_space(self, tmp_path):
+        flat = surface(0, 0, np.zeros((300, 100)))
+        dented = flat.copy()
+        dented[7, 9] = -0.01
+        result = self.write(tmp_path / "r.nc", {0.0: flat, 0.25: flat, 0.5: dented})
+        assert result.sizes["node"] == flat.size + 1
+        assert result.cdl.soil(0.5)[7, 9] == pytest.approx(-0.01)
+
+    def test_a_time_that_has_a_snapshot_keeps_it(self, tmp_path):
+        with ResultWriter(tmp_path / "r.nc", CHANNELS, {}) as writer:
+            writer.append_soil(0.0, surface(0, 0, np.zeros((2, 2))))
+            writer.append_soil(0.0, surface(0, 0, np.ones((2, 2))))
+        result = open_result(tmp_path / "r.nc")
+        assert result.cdl.soil_times.tolist() == [0.0] and (result.cdl.soil(0.0) == 0.0).all()
+
+    def test_a_killed_run_leaves_all_snapshots(self, tmp_path):
+        process = subprocess.run([sys.executable, "-c", KILLED_ON_SOIL, str(tmp_path / "killed.nc")])
+        assert process.returncode == 9
+        result = open_result(tmp_path / "killed.nc")
+        assert result.cdl.soil_times.tolist() == [0.0, 1.0, 2.0]
+        assert np.array_equal(result.cdl.soil(2.0), np.full((50, 40), 2.0))
+
+    def test_results_without_soil_and_times_before_the_first_map_say_so(self, result, tmp_path):
+        flat = write(tmp_path / "flat.nc", n=3)
+        assert flat.cdl.soil_times.size == 0
+        with pytest.raises(
+            ResultError, match=r"the result has no soil map: none of its wheels ran on soil that deforms; run it with tier SCM"
+        ):
+            flat.cdl.soil(0.0)
+        with pytest.raises(ResultError, match=r"no soil map at t = -1 s: the result's first is of t = 0 s; ask for a later time"):
+            result.cdl.soil(-1.0)
+
+    def test_diff_and_exports_take_results_with_soil(self, result, tmp_path):
+        assert diff_results(result, result.copy(deep=True), rtol=0.0) is None
+        to_csv(result, tmp_path / "r.csv")
+        to_mat(result, tmp_path / "r.mat")
+        assert len(read_csv(tmp_path / "r.csv")) == loadmat(tmp_path / "r.mat")["data_2"].shape[1] == 5
 
 
 class TestDiff:

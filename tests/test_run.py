@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+import xarray as xr
 from systems import rover_on
 
 from cdl_fmu import BCM
@@ -85,3 +86,41 @@ def test_runs_work_beside_the_main_thread(system, tmp_path):
     worker.start()
     worker.join()
     assert outcomes[0].status == "complete"
+
+
+def falling_soil(master):
+    """Stands for what reads a slave's soil: a plate at the height of the rover's body."""
+    z = master.outputs[master.output_index["rover", "body.r_0[3]"]]
+    return xr.DataArray(np.full((3, 2), z), {"x": [0.0, 0.1, 0.2], "y": [0.0, 0.1]}, ("x", "y"))
+
+
+def bodies_height(outcome):
+    result = open_result(outcome.result)
+    height = result.cdl["rover.body.r_0[3]"]
+    return result.cdl.soil_times, [float(height.sel(time=t, method="nearest")) for t in result.cdl.soil_times], result
+
+
+def test_soil_is_kept_from_the_start_every_quarter_second_and_at_the_end(system, tmp_path):
+    times, heights, result = bodies_height(run(system, tmp_path, stop_time=0.6, soil=falling_soil))
+    assert times == pytest.approx([0.0, 0.25, 0.5, 0.6])
+    assert [float(result.cdl.soil(t)[0, 0]) for t in times] == pytest.approx(heights, rel=1e-6)
+
+
+def test_a_run_that_goes_on_from_a_checkpoint_keeps_the_earlier_soil(system, tmp_path):
+    _, _, whole = bodies_height(run(system, tmp_path, stop_time=0.6, soil=falling_soil, checkpoint_every=0.3))
+    _, _, resumed = bodies_height(
+        run(system, tmp_path, stop_time=0.6, soil=falling_soil, resume=tmp_path / "checkpoint_0.300s.npz"),
+    )
+    assert resumed.drop_attrs().equals(whole.drop_attrs())
+
+
+def test_a_failing_run_keeps_the_soil_of_its_last_step(tmp_path):
+    system = rover_on(tmp_path, BCM(2), start_z=0.3, stop_time=1.0, c_d=0.0, k_phi=1e3, k_c=0.0)
+    with pytest.raises(SlaveError):
+        run(system, tmp_path / "out", soil=falling_soil)
+    result = open_result(tmp_path / "out" / "result.nc")
+    assert result.cdl.soil_times[-1] == result.time.values[-1] and result.cdl.soil_times[-1] % 0.25 > 1e-3
+
+
+def test_soil_that_nothing_touched_yet_is_left_out(system, tmp_path):
+    assert open_result(run(system, tmp_path, stop_time=0.01, soil=lambda master: None).result).cdl.soil_times.size == 0
