@@ -25,10 +25,14 @@ class Heaps(KernelModel):
         heaps=Real(0.0, "1", "Heaps there are"),
         mass=Real(0.0, "kg", "Mass of each outlet's heap, times the share of its cells that count", (2,)),
     )
+    files = {"shares": "Share of each cell of a heap that counts, one number a line", "hopper[1].map": "Not read"}
     pool_class = RowPool
 
     def make_pool(self, p, files):
-        return RowPool((CELLS,), marks=2, head=2, per_step=2, limit=int(p.limit), extra=(np.array([1.0, 0.5, 0.25, 0.125]),))
+        shares = np.loadtxt(files["shares"], ndmin=1) if "shares" in files else np.array([1.0, 0.5, 0.25, 0.125])
+        if shares.shape != (CELLS,):
+            raise ModelError(f"shares = '{files['shares']}': {shares.size} numbers; it must have {CELLS}")
+        return RowPool((CELLS,), marks=2, head=2, per_step=2, limit=int(p.limit), extra=(shares,))
 
     def check(self, p):
         if p.limit != int(p.limit):

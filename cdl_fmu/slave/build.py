@@ -34,6 +34,7 @@ class {identifier}_slave(RecordSlave):
     built_version = "{version}"
     built_guid = "{guid}"
     starts = {starts!r}
+    contents = {contents!r}
 
     @staticmethod
     def make_model():
@@ -41,23 +42,31 @@ class {identifier}_slave(RecordSlave):
 '''
 
 
-def cached_fmu(model: Model, starts: Mapping[str, float] = MappingProxyType({})) -> Path:
-    """Path of the model's FMU with these start values in the user's cache, built there if it or its sources are new."""
-    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())}".encode()).hexdigest()
+_NONE: Mapping = MappingProxyType({})
+
+
+def cached_fmu(model: Model, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
+    """Path of the model's FMU with these start values and files in the user's cache, built there if it or its sources are new."""
+    packed = sorted((name, path.name, _digest(path)) for name, path in _checked(model, files).items())
+    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
-        build_fmu(model, path, starts)
+        build_fmu(model, path, starts, files)
     return path
 
 
-def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingProxyType({})) -> Path:
+def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``.
 
-    ``starts`` replaces start values of parameters and inputs, by FMI name. Raises ModelError for a class that cannot be imported by name.
+    ``starts`` replaces start values of parameters and inputs, by FMI name; ``files`` are packed into the FMU, by the name of the file
+    parameter whose start value each becomes. Raises ModelError for a class that cannot be imported by name, for no such file parameter,
+    for a file that is missing, and for two files of one name.
     """
     cls = type(model)
     if cls.__module__ == "__main__":
         raise ModelError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to build an FMU of it")
+    files = _checked(model, files)
+    contents = {packed.name: _digest(packed) for packed in files.values()}
     path.parent.mkdir(parents=True, exist_ok=True)
     script = _SCRIPT.format(
         identifier=model.identifier,
@@ -65,8 +74,9 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         version=installed_version(),
         module=cls.__module__,
         cls=cls.__qualname__,
-        guid=model_guid(model),
-        starts=dict(sorted(starts.items())),
+        guid=model_guid(model, contents=contents),
+        starts=dict(sorted({**starts, **{name: packed.name for name, packed in files.items()}}.items())),
+        contents=dict(sorted(contents.items())),
         sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
     )
     # Beside the target: the finished FMU takes its name in one step, and another process sees it whole or not at all.
@@ -77,7 +87,7 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         script_file.write_text(script, encoding="utf-8", newline="\n")
         known_path = list(sys.path)
         try:
-            packed = FmuBuilder.build_FMU(script_file, dest=folder)
+            packed = FmuBuilder.build_FMU(script_file, dest=folder, project_files=files.values())
         finally:
             # The builder imports the script by name; an FMU of the same name must not find that module later.
             sys.path[:] = known_path
@@ -86,6 +96,26 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float] = MappingPro
         _repack(packed, finished)
         os.replace(finished, path)
     return path
+
+
+def _checked(model: Model, files: Mapping[str, Path]) -> dict[str, Path]:
+    """The files, all of which can be packed."""
+    by_name: dict[str, tuple[str, Path]] = {}
+    for name, path in files.items():
+        if name not in model.files:
+            raise ModelError(f"{model.identifier} has no file parameter {name!r}; it has {', '.join(model.files) or 'none'}")
+        if not path.is_file():
+            raise ModelError(f"{name} = '{path}': no such file; correct the path ({model.files[name]})")
+        # Some systems take names for the same that differ in capitals.
+        other, other_path = by_name.setdefault(path.name.casefold(), (name, path))
+        if not path.samefile(other_path):
+            raise ModelError(f"{name} = '{path}' and {other} = '{other_path}' have one name, and lie in one folder of the FMU: rename one")
+    return dict(files)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _repack(source: Path, target: Path) -> None:

@@ -47,18 +47,26 @@ def value_references(model: Model) -> list[tuple[str, int, Scalar]]:
     return out
 
 
-def model_guid(model: Model, starts: Mapping[str, float] = MappingProxyType({})) -> str:
-    """Identifies interface, version and start values: if they are the same the GUID is the same, else it is another one."""
+_NONE: Mapping = MappingProxyType({})
+
+
+def model_guid(model: Model, starts: Mapping[str, float | str] = _NONE, contents: Mapping[str, str] = _NONE) -> str:
+    """Identifies interface, version, start values and files: if they are the same the GUID is the same, else it is another one."""
     digest = hashlib.sha256(tostring(_description(model, guid="", starts=starts)))
+    for packed in sorted(contents.items()):
+        digest.update(repr(packed).encode())
     return f"{{{UUID(bytes=digest.digest()[:16])}}}"
 
 
-def model_description(model: Model, starts: Mapping[str, float]) -> Element:
-    """Root element of modelDescription.xml; ``starts`` replaces start values of parameters and inputs, by FMI name."""
-    return _description(model, model_guid(model, starts), starts)
+def model_description(model: Model, starts: Mapping[str, float | str], contents: Mapping[str, str]) -> Element:
+    """Root element of modelDescription.xml.
+
+    ``starts`` replaces start values of parameters and inputs, by FMI name; ``contents`` has the hash of each file packed, by its name.
+    """
+    return _description(model, model_guid(model, starts, contents), starts)
 
 
-def _description(model: Model, guid: str, starts: Mapping[str, float]) -> Element:
+def _description(model: Model, guid: str, starts: Mapping[str, float | str]) -> Element:
     root = Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -81,6 +89,10 @@ def _description(model: Model, guid: str, starts: Mapping[str, float]) -> Elemen
     listing = SubElement(root, "ModelVariables")
     for part, reference, scalar in variables:
         _variable(listing, part, reference, scalar, starts.get(scalar.name, scalar.start))
+    for reference, (name, description) in enumerate(model.files.items()):
+        # FMI 2.0 counts the references of each base type for itself.
+        file = SubElement(listing, "ScalarVariable", _attributes(name, reference, description, "p"))
+        SubElement(file, "String", start=starts.get(name, ""))
     structure = SubElement(root, "ModelStructure")
     indices = [str(i) for i, (part, _, _) in enumerate(variables, 1) if part == "y"]
     dependencies = {} if model.feedthrough else {"dependencies": ""}
@@ -114,13 +126,13 @@ def _type_name(scalar: Scalar) -> str:
     return f"Choice_{scalar.name}"
 
 
+def _attributes(name: str, reference: int, description: str, part: str) -> dict[str, str]:
+    return {"name": name, "valueReference": str(reference), "description": description, **_CAUSALITY[part]}
+
+
 def _variable(listing: Element, part: str, reference: int, scalar: Scalar, start: float) -> None:
     field = scalar.field
-    variable = SubElement(
-        listing,
-        "ScalarVariable",
-        {"name": scalar.name, "valueReference": str(reference), "description": field.description, **_CAUSALITY[part]},
-    )
+    variable = SubElement(listing, "ScalarVariable", _attributes(scalar.name, reference, field.description, part))
     attributes = {} if part == "y" else {"start": f"{start:.17g}"}
     if isinstance(field, Choice):
         SubElement(variable, "Enumeration", attributes, declaredType=_type_name(scalar))

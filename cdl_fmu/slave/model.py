@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -40,6 +41,7 @@ class Model:
         parameters, inputs, state, outputs: Records p, u, x, y.
         events: Meaning of the status numbers that ``step`` returns (0 = fine).
         feedthrough: False if no output at t depends on an input at t, so that a master may break a cycle here.
+        files: Parameters that name a file, with their descriptions; they are strings and live beside the records.
         pool_class: Class of the pools that ``make_pool`` makes, None without.
     """
 
@@ -50,6 +52,7 @@ class Model:
     outputs: Record
     events: dict[int, Event] = {}
     feedthrough = True
+    files: dict[str, str] = {}
     pool_class: type[Pool] | None = None
 
     def __init__(self, **sizes: int):
@@ -59,7 +62,15 @@ class Model:
         """Raise ModelError for parameters that are within their bounds but do not fit together: ``name = value unit: why; remedy``."""
 
     def make_pool(self, p: np.recarray, files: dict[str, Path]) -> Pool | None:
-        """A new pool for these parameters, which are within their bounds and fit together; None for a model that has its records alone."""
+        """A new pool, None for a model that has its records alone.
+
+        Args:
+            p: The parameters, which are within their bounds and fit together.
+            files: Path of each file that is given, by the parameter's name; the files exist.
+
+        Raises:
+            ModelError: A file does not hold what it should.
+        """
 
     def bind(self, instance: Instance):
         """Return the pair ``(initialise(t), step(t, h) -> status)`` that works on the instance's memory."""
@@ -104,10 +115,11 @@ class Instance:
     Args:
         model: The model.
         name: Name used in messages.
-        **parameters: Start values, a Choice by its option's name.
+        resources: Folder in which files are looked for before the working directory.
+        **parameters: Start values, a Choice by its option's name, a file by its path.
     """
 
-    def __init__(self, model: Model, name: str = "", **parameters):
+    def __init__(self, model: Model, name: str = "", resources: Path | None = None, **parameters):
         self.model = model
         self.name = name or model.identifier
         records = [getattr(model, part) for part in _PARTS.values()]
@@ -121,29 +133,40 @@ class Instance:
         self._x = self.block[self.slices["x"]]
         self._bounds = {part: (self.block[self.slices[part]], *_bounds(model.scalars[part])) for part in ("p", "u")}
         self._first_outside = {part: partial(compiled(_first_outside, *b), *b) for part, b in self._bounds.items()}
+        #: Path of each file parameter, "" for none; a path that is not absolute is looked for when the instance is initialised.
+        self.files = dict.fromkeys(model.files, "")
+        self._resources = resources
         self.pool: Pool | None = None
-        self._made_for: bytes | None = None  # parameters that the pool was made for
+        self._made_for: tuple | None = None  # parameters and files that the pool was made for
         self._functions = None
         for key, value in parameters.items():
             self.set_parameter(key, value)
 
     def set_parameter(self, name: str, value) -> None:
-        """Set a parameter by its FMI name, or a whole array by the array's; a Choice by its option's name.
+        """Set a parameter by its FMI name, or a whole array by the array's; a Choice by its option's name, a file by its path.
 
-        Raises ModelError for an unknown name or a value of another type; bounds are checked when the instance is initialised.
+        Raises ModelError for an unknown name or a value of another type; bounds and files are checked when the instance is initialised.
         """
+        if name in self.files:
+            if not isinstance(value, (str, Path)):
+                raise ModelError(f"{name} = {value!r}: the path of a file is needed ({self.model.files[name]})")
+            self.files[name] = str(value)
+            return
         array = [s for s in self.model.scalars["p"] if s.name == name or s.name.startswith(f"{name}[")]
         if not array:
-            names = ", ".join(s.name for s in self.model.scalars["p"])
+            names = ", ".join([*(s.name for s in self.model.scalars["p"]), *self.files])
             raise ModelError(f"{self.name} has no parameter {name!r}; it has {names}")
         for scalar, one in zip(array, np.broadcast_to(np.asarray(value, dtype=object), len(array))):
             self.block[scalar.offset] = parse_value(scalar, one)
 
-    def set_starts(self, starts: dict[str, float]) -> None:
+    def set_starts(self, starts: Mapping[str, float | str]) -> None:
         """Set parameters and inputs to start values given by FMI name, as they are stored."""
         offsets = {s.name: self.slices[part].start + s.offset for part in ("p", "u") for s in self.model.scalars[part]}
         for name, value in starts.items():
-            self.block[offsets[name]] = value
+            if name in self.files:
+                self.files[name] = value
+            else:
+                self.block[offsets[name]] = value
 
     def initialise(self, t: float = 0.0) -> None:
         """Check the parameters and set state and outputs at time t [s], the outputs for the inputs as they are now."""
@@ -165,16 +188,29 @@ class Instance:
                 self.pool.restore(pooled)
 
     def _make_pool(self) -> None:
-        """Make the pool anew for the parameters as they are now, and the functions for it."""
-        self.pool, self._made_for = self.model.make_pool(self.p, {}), self._parameters()
+        """Make the pool anew for the parameters and files as they are now, and the functions for it."""
+        files = {name: self._found(name) for name, path in self.files.items() if path}
+        self.pool, self._made_for = self.model.make_pool(self.p, files), self._parameters()
         if self.pool is not None or self._functions is None:
             self._functions = self.model.bind(self)
 
     def _save_pool(self) -> object | None:
         return None if self.pool is None else self.pool.save()
 
-    def _parameters(self) -> bytes:
-        return self.block[self.slices["p"]].tobytes()
+    def _parameters(self) -> tuple:
+        return self.block[self.slices["p"]].tobytes(), self.files.copy()
+
+    def _found(self, name: str) -> Path:
+        path, here = Path(self.files[name]), Path.cwd()
+        for folder in filter(None, (self._resources, here)):
+            if (folder / path).is_file():  # whatever the folder, if the path is absolute
+                return (folder / path).absolute()
+        if path.is_absolute():
+            where, remedy = "", "correct the path"
+        else:
+            where = f" in the FMU's resources or in {here}" if self._resources else f" in {here}"
+            remedy = "put the file there, or give its absolute path"
+        raise ModelError(f"{self.name}: {name} = '{path}': no such file{where}; {remedy} ({self.model.files[name]})")
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
@@ -187,11 +223,12 @@ class Instance:
 
     def save(self) -> State:
         """The whole state: a copy of the block, and the pool at a cost in proportion to what changed in it since the last save."""
-        return State(self.block.copy(), {}, self._save_pool())
+        return State(self.block.copy(), self.files.copy(), self._save_pool())
 
     def restore(self, saved: State) -> None:
         """Go back to a saved state, to the same bits."""
         self.block[:] = saved.block
+        self.files.update(saved.files)
         if saved.pool is not None:
             if self.pool is None or self._made_for != self._parameters():
                 self._make_pool()

@@ -46,7 +46,8 @@ class RecordSlave(Fmi2Slave):
 
     built_version: str
     built_guid: str
-    starts: dict[str, float]
+    starts: dict[str, float | str]
+    contents: dict[str, str]
 
     @staticmethod
     def make_model() -> Model:
@@ -57,16 +58,17 @@ class RecordSlave(Fmi2Slave):
         super().__init__(**kwargs)
         model = self.make_model()
         self.modelName = model.identifier
-        if (self.built_version, self.built_guid) != (installed_version(), model_guid(model)):
+        if (self.built_version, self.built_guid) != (installed_version(), model_guid(model, contents=self.contents)):
             raise ModelError(
                 f"{self.instance_name}: this FMU {model.identifier} was built by {DISTRIBUTION} {self.built_version}, but "
                 f"{DISTRIBUTION} {installed_version()} is installed with another declaration of it; "
                 f"build it again with 'cdl build', or install {DISTRIBUTION} {self.built_version}"
             )
         _release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{model.identifier}.so")
-        self.instance = Instance(model, self.instance_name)
+        self.instance = Instance(model, self.instance_name, Path(self.resources) if self.resources else None)
         self.instance.set_starts(self.starts)
         self._block = self.instance.block
+        self._files = list(model.files)
         self._n_parameters = self.instance.slices["p"].stop
         self._accesses: dict[tuple[int, int], _Access] = {}
         self._start_time = 0.0
@@ -75,7 +77,7 @@ class RecordSlave(Fmi2Slave):
         self._failure = ""
 
     def to_xml(self, model_options=None) -> Element:
-        return model_description(self.instance.model, self.starts)
+        return model_description(self.instance.model, self.starts, self.contents)
 
     # -- values: lists in, lists out
 
@@ -101,7 +103,7 @@ class RecordSlave(Fmi2Slave):
         if not self._stepping:
             self._initialised = False
         elif access.first < self._n_parameters:
-            self._refuse_parameter(access.first)
+            self._refuse_parameter(self.instance.model.scalars["p"][access.first].name)
             return
         access.set(values)
 
@@ -110,8 +112,18 @@ class RecordSlave(Fmi2Slave):
 
     set_integer = set_real
 
-    def _refuse_parameter(self, reference: int) -> None:
-        name = self.instance.model.scalars["p"][reference].name
+    def get_string(self, vrs: list[int]) -> list[str]:
+        return [self.instance.files[self._files[reference]] for reference in vrs]
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        for reference, value in zip(vrs, values):
+            if self._stepping:
+                self._refuse_parameter(self._files[reference])
+                return
+            self._initialised = False
+            self.instance.files[self._files[reference]] = value
+
+    def _refuse_parameter(self, name: str) -> None:
         self._fail(f"{self.instance_name}: parameter {name} is fixed: set it before initialisation ends, not during the run")
 
     # -- life
