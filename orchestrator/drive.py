@@ -12,7 +12,7 @@ from .results import ResultError, open_result
 from .run import Outcome, RunError, run
 from .soil_map import soil_of
 from .ssp import UNPACKED, read_system
-from .wheels import ground_of, wheels_of
+from .wheels import dimensions_of, ground_of, wheels_of
 
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
@@ -75,7 +75,7 @@ def simulate(
                 stop_time = settings.stop_time
         status("loading the FMUs")
         system = read_system(package, UNPACKED)
-        attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system)}
+        attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system), "dimensions": dimensions_of(system)}
         outcome = run(
             system,
             out,

@@ -96,30 +96,30 @@ def plot(result: xr.Dataset) -> Figure:
     return wheels_over_time(result)
 
 
-def figure_8_12(runs: Mapping[str, xr.Dataset], wheels: tuple[str, str] = ("front", "rear"), normalise: bool = False) -> Figure:
+def figure_8_12(runs: Mapping[str, xr.Dataset], wheels: tuple[str, str] = ("front", "rear"), normalise_by: str | None = None) -> Figure:
     """The panels of Fig. 8.12: F_x, F_y and z of two wheels over the last one's x, sections A to E, and the x-y trajectories.
 
     Args:
         runs: Label of each run and its result, overlaid in this order.
         wheels: Names of the leading and the trailing wheel, columns of panels in this order.
-        normalise: Show forces relative to the largest F_x of the first run's leading wheel after the start's peak (8.4.2).
+        normalise_by: Label of the run by whose leading wheel's largest F_x after the start's peak the forces are divided (8.4.2).
 
     Returns:
         A figure to save with ``savefig(path)``, 1800 pixels wide.
 
     Raises:
-        ResultError: a run lacks a wheel's channels, or the first run ends within the start's peak and cannot normalise.
+        ResultError: a run lacks a wheel's channels, or the one to normalise by ends within the start's peak.
     """
     named = [(label, {wheel.name: wheel for wheel in wheels_of(run)}) for label, run in runs.items()]
     trailing = wheels[-1]
     scale = 1.0
-    if normalise:
-        reference = named[0][1]
+    if normalise_by is not None:
+        reference = dict(named)[normalise_by]
         driving = reference[trailing].centre("x") >= _START
         if not driving.any():
-            raise ResultError(f"nothing to normalise by: the {trailing} wheel of run {named[0][0]!r} does not reach x = {_START} m")
+            raise ResultError(f"nothing to normalise by: the {trailing} wheel of run {normalise_by!r} does not reach x = {_START} m")
         scale = float(reference[wheels[0]].diagnostic("drawbar_pull")[driving].max())
-    force = "($F_{axis}$)$_0$ [1]" if normalise else "$F_{axis}$ [N]"
+    force = "($F_{axis}$)$_0$ [1]" if normalise_by is not None else "$F_{axis}$ [N]"
     panels = [
         (force.format(axis="x"), lambda wheel: wheel.diagnostic("drawbar_pull") / scale, 1.0 / scale),
         (force.format(axis="y"), lambda wheel: wheel.diagnostic("lateral_force") / scale, 1.0 / scale),

@@ -1,4 +1,4 @@
-"""Which wheel of the rover runs on which contact slave: read off a system's connections, for reports."""
+"""Which wheel of the rover runs on which contact slave, and how large it is: read off a system, for reports."""
 
 from __future__ import annotations
 
@@ -43,3 +43,13 @@ def ground_of(system: System) -> float:
             if variable.name == "ground_z":
                 return float(component.parameters.get("ground_z", variable.start))
     return 0.0
+
+
+def dimensions_of(system: System) -> dict[str, float]:
+    """What pictures draw a rover by, as far as its FMUs declare it: ``r_w, b_w, h_g, mass_height`` [m] and the number ``n_g``."""
+    found: dict[str, float] = {}
+    for component in system.components.values():
+        for variable in component.model_description.modelVariables:
+            if variable.name in ("r_w", "b_w", "n_g", "h_g", "mass_height") and variable.name not in found:
+                found[variable.name] = float(component.parameters.get(variable.name, variable.start))
+    return found
