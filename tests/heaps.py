@@ -32,7 +32,7 @@ class Heaps(KernelModel):
         shares = np.loadtxt(files["shares"], ndmin=1) if "shares" in files else np.array([1.0, 0.5, 0.25, 0.125])
         if shares.shape != (CELLS,):
             raise ModelError(f"shares = '{files['shares']}': {shares.size} numbers; it must have {CELLS}")
-        return RowPool((CELLS,), marks=2, head=2, per_step=2, limit=int(p.limit), extra=(shares,))
+        return RowPool((CELLS,), marks=2, head=2, per_step=2, limit=int(p.limit), extra=(shares,), scratch=(np.empty(CELLS),))
 
     def check(self, p):
         if p.limit != int(p.limit):
@@ -40,37 +40,40 @@ class Heaps(KernelModel):
 
     @staticmethod
     @kernel
-    def initialise_kernel(t, p, x, y, rows, marks, head, shares):
+    def initialise_kernel(t, p, x, y, rows, marks, head, shares, weighed):
         x.steps = 0.0
         head[1] = 1000
 
     @staticmethod
     @kernel
-    def step_kernel(t, h, p, u, x, y, rows, marks, head, shares):
+    def step_kernel(t, h, p, u, x, y, rows, marks, head, shares, weighed):
         x.steps += 1.0
         head[1] += 1
         for i in range(len(u.place)):
-            place = int(np.floor(u.place[i]))
-            r = found(marks, head, place)
+            r = row_of(int(np.floor(u.place[i])), rows, marks, head)
             if r < 0:
-                if head[0] == len(rows):
-                    return FULL + STATUS_SPAN * i
-                r = head[0]
-                head[0] += 1
-                marks[r, 1] = place
+                return FULL + STATUS_SPAN * i
             marks[r, 0] = 1
             rows[r, head[1] % CELLS] += p.rate * h
             y.mass[i] = 0.0
             for c in range(CELLS):
-                y.mass[i] += shares[c] * rows[r, c]
+                weighed[c] = shares[c] * rows[r, c]
+            for c in range(CELLS):
+                y.mass[i] += weighed[c]
         y.heaps = head[0]
         return 0
 
 
 @kernel
-def found(marks, head, place):
-    """Row of a place, -1 without."""
+def row_of(place, rows, marks, head):
+    """Row of a place, taken if there is none; -1 if none is left."""
     for r in range(head[0]):
         if marks[r, 1] == place:
             return r
-    return -1
+    if head[0] == len(rows):
+        return -1
+    r = head[0]
+    head[0] += 1
+    marks[r, 0] = 1
+    marks[r, 1] = place
+    return r

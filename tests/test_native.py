@@ -8,6 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 from elftools.elf.elffile import ELFFile
+from heaps import Heaps
 from linear_spring import LinearSpring
 
 from cdl_fmu.frames import axis_rotation
@@ -17,7 +18,7 @@ from cdl_fmu.slave.native import LIBM, MEMORY, ExportError, object_code
 from cdl_fmu.slave.records import Real, Record
 from fmus import SHIPPED
 
-MODELS = [*(model for model in SHIPPED if isinstance(model, KernelModel)), LinearSpring(n_wheels=2)]
+MODELS = [*(model for model in SHIPPED if isinstance(model, KernelModel)), LinearSpring(n_wheels=2), Heaps()]
 
 
 @pytest.fixture(scope="module", params=MODELS, ids=lambda model: model.identifier)
@@ -51,10 +52,11 @@ def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_pa
     python = Instance(model)
     block = python.block.copy()
     status, exc, pointer = ctypes.c_int32(), ctypes.c_void_p(), block.ctypes.data_as(ctypes.c_void_p)
+    pool = model.make_pool(python.p, {})
 
     def native(name, *times):
-        arguments = [ctypes.c_double(t) for t in times]
-        assert library[f"{model.identifier}_{name}"](ctypes.byref(status), ctypes.byref(exc), *arguments, pointer) == 0
+        arguments = [*map(ctypes.c_double, times), pointer, *pool_arguments(pool)]
+        assert library[f"{model.identifier}_{name}"](ctypes.byref(status), ctypes.byref(exc), *arguments) == 0
         assert status.value == 0
 
     python.initialise()
@@ -64,10 +66,22 @@ def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_pa
     for k in range(500):
         python.block[python.slices["u"]] = block[python.slices["u"]] = some_inputs(model, rng)
         python.step(k * h, h)
+        if pool is not None:
+            pool.reserve()
         native("step", k * h, h)
         assert block.tobytes() == python.block.tobytes()
         outputs.append(block[python.slices["y"]].copy())
     assert np.ptp(outputs, axis=0).any()
+    if pool is not None:
+        assert [a.tobytes() for a in pool.arrays] == [a.tobytes() for a in python.pool.arrays]
+
+
+def pool_arguments(pool) -> list:
+    """What a C host passes for a pool: a pointer to each array, and all their extents."""
+    if pool is None:
+        return []
+    extents = [n for a in pool.arrays for n in a.shape]
+    return [(ctypes.c_void_p * len(pool.arrays))(*(a.ctypes.data for a in pool.arrays)), (ctypes.c_int64 * len(extents))(*extents)]
 
 
 def some_inputs(model, rng) -> np.ndarray:

@@ -5,6 +5,15 @@ A model becomes two C functions over its one block of doubles ``[p|u|x|y]``, in 
     int32_t <identifier>_initialise(int32_t *status, void **exc, double t, double *block);
     int32_t <identifier>_step(int32_t *status, void **exc, double t, double h, double *block);
 
+A model with a pool takes the pool's arrays (see ``Model.make_pool``) in its last two arguments::
+
+    int32_t <identifier>_initialise(int32_t *status, void **exc, double t, double *block, void **arrays, const int64_t *shapes);
+    int32_t <identifier>_step(int32_t *status, void **exc, double t, double h, double *block, void **arrays, const int64_t *shapes);
+
+``arrays[i]`` points to the first element of array i, row-major, of float64 or int64 as in Python; ``shapes`` has the extents of array
+0, then those of array 1, and so on. They may be others at each call: memory that grows between steps stays with the caller, which
+keeps the rules of the model's pool class.
+
 ``status`` receives what the kernel returned (0 = fine, see ``Model.events``); the functions' own return value is non-zero if
 the kernel raised. They hold no global state, so any number of instances may run in any number of threads.
 """
@@ -13,6 +22,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -30,6 +40,9 @@ LIBM = frozenset(
 )
 #: Functions that LLVM makes of loops that copy, zero or compare.
 MEMORY = frozenset({"memcpy", "memmove", "memset", "memcmp"})
+
+# Counts of references to arrays, which are all the caller's here: numba leaves calls that do nothing for such.
+_COUNTS = re.compile(r"(define [^\n]*@NRT_(?:incref|decref)\([^\n]*\{\n).*?\n\}", re.DOTALL)
 
 # numba reads these when it is imported, hence the process of its own. Without them the code is vectorised for the build host.
 _ENVIRONMENT = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
@@ -69,31 +82,48 @@ def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
     """Both entries compiled: IR and symbol, by the name that each gets in the object."""
     import numba
     import numpy as np
-    from numba import carray, float64, int32, types
+    from numba import carray, float64, int32, int64, types
 
     from .kernel import OPTIONS
 
     parts = {"p": model.parameters, "u": model.inputs, "x": model.state, "y": model.outputs}
     block = types.CPointer(numba.from_dtype(np.dtype([(name, record.dtype) for name, record in parts.items()])))
-    initialise_kernel, step_kernel = model.initialise_kernel, model.step_kernel
+    pool = model.make_pool(model.parameters.starts().view(model.parameters.dtype).view(np.recarray)[0], {})
+    arrays = () if pool is None else pool.arrays
+    names, views = _views(arrays)
+    source = f"""
+def initialise({", ".join(("t", "block", *names))}):
+    b = carray(block, 1)[0]
+    initialise_kernel({", ".join(("t", "b.p", "b.x", "b.y", *views))})
+    return int32(0)
 
-    def initialise(t, block):
-        b = carray(block, 1)[0]
-        initialise_kernel(t, b.p, b.x, b.y)
-        return int32(0)
-
-    def step(t, h, block):
-        b = carray(block, 1)[0]
-        return int32(step_kernel(t, h, b.p, b.u, b.x, b.y))
+def step({", ".join(("t", "h", "block", *names))}):
+    b = carray(block, 1)[0]
+    return int32(step_kernel({", ".join(("t", "h", "b.p", "b.u", "b.x", "b.y", *views))}))
+"""
+    kernels = {"initialise_kernel": model.initialise_kernel, "step_kernel": model.step_kernel}
+    scope = {"carray": carray, "int32": int32, "float64": float64, "int64": int64, **kernels}
+    exec(source, scope)
+    more = (types.CPointer(types.voidptr), types.CPointer(int64)) if names else ()
 
     compiled = {}
-    for function, signature in (initialise, (float64, block)), (step, (float64, float64, block)):
+    for name, signature in ("initialise", (float64, block, *more)), ("step", (float64, float64, block, *more)):
         # Not cfunc: its wrapper pulls in Python's C API.
-        entry = numba.njit(**OPTIONS)(function)
+        entry = numba.njit(**OPTIONS)(scope[name])
         entry.compile(signature)
         result = entry.overloads[signature]
-        compiled[f"{model.identifier}_{function.__name__}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name
+        compiled[f"{model.identifier}_{name}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name
     return compiled
+
+
+def _views(arrays: tuple) -> tuple[tuple[str, ...], list[str]]:
+    """Names of the arguments by which an entry gets a pool's arrays, and an expression for each array in them."""
+    views, at = [], 0
+    for i, array in enumerate(arrays):
+        extents = "".join(f"shapes[{at + k}], " for k in range(array.ndim))
+        views.append(f"carray(arrays[{i}], ({extents}), {array.dtype})")
+        at += array.ndim
+    return ("arrays", "shapes") if arrays else (), views
 
 
 def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
@@ -106,7 +136,7 @@ def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
     )
     module = llvm.parse_assembly("")
     for name, (ir, symbol) in entries.items():
-        part = llvm.parse_assembly(ir)
+        part = llvm.parse_assembly(_COUNTS.sub(r"\1  ret void\n}", ir))
         for value in (*part.functions, *part.global_variables):
             if not value.is_declaration:
                 value.linkage = "internal"

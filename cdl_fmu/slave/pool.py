@@ -50,13 +50,14 @@ _numbers = count(1)
 class RowPool:
     """Rows of numbers that a kernel takes one after another, each with integers of its own, and a head of integers for all.
 
-    Kernels get ``rows`` (float64), ``marks`` and ``head`` (int64) and the ``extra`` arrays. They keep three rules:
+    Kernels get ``rows`` (float64), ``marks`` and ``head`` (int64), then the ``extra`` and the ``scratch`` arrays. They keep these rules:
 
     - ``head[0]`` is the number of rows in use. To take a row, a kernel raises it by one; at ``len(rows)`` there is none left.
       A row taken is all zeros. The rest of the head is the kernel's.
     - Whoever changes anything of row r or of its marks sets ``marks[r, 0] = 1``; what it reads there means nothing, as saving clears it.
       The row's other marks are the kernel's.
-    - The ``extra`` arrays are constant: they are not saved, and no kernel that writes to them compiles.
+    - The ``extra`` arrays are constant; no kernel that writes to them compiles.
+    - The ``scratch`` arrays mean nothing when a kernel is called. They are not saved, nor are the ``extra`` ones.
 
     Args:
         row_shape: Shape of one row.
@@ -64,14 +65,25 @@ class RowPool:
         head: Integers of the head, ``head[0]`` included.
         per_step: Rows that one step may take.
         limit: Most rows there may ever be; near it a step may find less room than ``per_step`` and has to say so by its status.
-        extra: Further arrays for the kernels.
+        extra: Constant arrays for the kernels.
+        scratch: Arrays that the kernels work in.
     """
 
-    def __init__(self, row_shape: tuple[int, ...], *, marks: int, head: int, per_step: int, limit: int, extra: tuple[np.ndarray, ...] = ()):
+    def __init__(
+        self,
+        row_shape: tuple[int, ...],
+        *,
+        marks: int,
+        head: int,
+        per_step: int,
+        limit: int,
+        extra: tuple[np.ndarray, ...] = (),
+        scratch: tuple[np.ndarray, ...] = (),
+    ):
         self.per_step = per_step
         self.limit = limit
         self.head = np.zeros(head, np.int64)
-        self._extra = tuple(map(_constant, extra))
+        self._others = *map(_constant, extra), *scratch
         self._copies: list[tuple[np.ndarray, np.ndarray]] = []  # of each row, as it was last saved or restored
         self.rows, self.marks, self._copied = np.zeros((0, *row_shape)), np.zeros((0, marks), np.int64), np.zeros(0, np.int64)
         self._resize(min(limit, per_step))
@@ -79,7 +91,7 @@ class RowPool:
     def _resize(self, capacity: int) -> None:
         used = int(self.head[0])
         self.rows, self.marks, self._copied = (_resized(a, used, capacity) for a in (self.rows, self.marks, self._copied))
-        self.arrays = (self.rows, self.marks, self.head, *self._extra)
+        self.arrays = (self.rows, self.marks, self.head, *self._others)
 
     def reserve(self) -> None:
         """Double the rows if less than ``per_step`` are free, as far as ``limit`` allows."""
