@@ -43,7 +43,7 @@ _RMS = "rms from "
 
 _KEYS = {"id", "place", "text", "effect", "quantity", "compare"}
 _QUANTITY = re.compile(r"(?P<statistic>.+) of (?P<signal>\S+) over (?P<low>[\d.]+) to (?P<high>[\d.]+) m")
-_RELATION = re.compile(r"\s*([<>~])\s*")
+_SIGN = re.compile(r"\s*([<>~])\s*")
 _OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 
 
@@ -62,21 +62,21 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Relation:
     """``left`` compared with ``right`` by ``<``, ``>`` or ``~``; both are expressions of quantities, ``uses`` their runs and names."""
 
     left: str
-    relation: str
+    sign: str
     right: str
     uses: frozenset[tuple[str, str]]
 
     def __str__(self) -> str:
-        return f"{self.left} {self.relation} {self.right}"
+        return f"{self.left} {self.sign} {self.right}"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement: it holds if all comparisons do. ``effect`` is the smallest effect that counts, in ``unit``."""
+    """One statement: it holds if all its relations do. ``effect`` is the smallest effect that counts, in ``unit``."""
 
     id: str
     place: str
@@ -85,14 +85,14 @@ class Claim:
     effect: float
     unit: str
     quantities: Mapping[str, Quantity]
-    comparisons: Sequence[Comparison]
+    relations: Sequence[Relation]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a comparison came to: both sides, their difference and its noise, and the threshold, all in the claim's unit."""
+    """What a relation came to: both sides, their difference and its noise, and the threshold, all in the claim's unit."""
 
-    comparison: Comparison
+    relation: Relation
     left: float
     right: float
     noise: float
@@ -104,14 +104,14 @@ class Finding:
 
     @property
     def margin(self) -> float:
-        """By how much the comparison holds, or, negative, fails, relative to the threshold."""
+        """By how much the relation holds, or, negative, fails, relative to the threshold."""
         signed = {">": self.measured - self.threshold, "<": -self.measured - self.threshold, "~": self.threshold - abs(self.measured)}
-        return signed[self.comparison.relation] / self.threshold
+        return signed[self.relation.sign] / self.threshold
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim and its comparison with the least margin, which decides; no finding where a run does not reach all windows."""
+    """A claim and its relation with the least margin, which decides; no finding where a run does not reach all windows."""
 
     claim: Claim
     finding: Finding | None
@@ -158,9 +158,9 @@ def _claim(record: Mapping, effects: Mapping) -> Claim:
         raise ClaimError(f"effect {record['effect']!r}: value = {effect['value']:g} {effect['unit']}: it must be positive")
     given = record["quantity"] if isinstance(record["quantity"], dict) else {"": record["quantity"]}
     quantities = {name: _quantity(text) for name, text in given.items()}
-    comparisons = tuple(c for text in record["compare"] for c in _comparisons(text, quantities))
+    relations = tuple(relation for text in record["compare"] for relation in _relations(text, quantities))
     return Claim(
-        record["id"], record["place"], record["text"], record.get("must", False), effect["value"], effect["unit"], quantities, comparisons
+        record["id"], record["place"], record["text"], record.get("must", False), effect["value"], effect["unit"], quantities, relations
     )
 
 
@@ -183,19 +183,19 @@ def _quantity(text: str) -> Quantity:
     return Quantity(statistic, signal, low, high)
 
 
-def _comparisons(text: str, quantities: Mapping[str, Quantity]) -> Iterator[Comparison]:
-    """The comparisons of a line: one for each relation, for each run if the line says ``every``."""
+def _relations(text: str, quantities: Mapping[str, Quantity]) -> Iterator[Relation]:
+    """The relations of a line: one for each sign, for each run if the line says ``every``."""
     for run in RUNS if "every" in text else [""]:
-        parts = _RELATION.split(text.replace("every", run))
+        parts = _SIGN.split(text.replace("every", run))
         if len(parts) < 3:
             raise ClaimError(f"compare {text!r}: write two sides with <, > or ~ between them, such as 'SxB > BxB'")
-        for left, relation, right in zip(parts[:-2:2], parts[1::2], parts[2::2]):
+        for left, sign, right in zip(parts[:-2:2], parts[1::2], parts[2::2]):
             uses: set[tuple[str, str]] = set()
             for side in (left, right):
                 _evaluate(side, lambda run, name: uses.add((run, name)) or 1.0)  # noqa: B023, called at once
             for run, name in uses:
                 _refuse_unknown(text, run, name, quantities)
-            yield Comparison(left, relation, right, frozenset(uses))
+            yield Relation(left, sign, right, frozenset(uses))
 
 
 def _refuse_unknown(text: str, run: str, name: str, quantities: Mapping[str, Quantity]) -> None:
@@ -245,24 +245,24 @@ def judge(claims: Sequence[Claim], courses: Mapping[str, Course], time_factors: 
 
 def _judge(claim: Claim, courses: Mapping[str, Course], time_factors: Mapping[str, float]) -> Verdict:
     findings = []
-    for comparison in claim.comparisons:
-        measured = {(run, name): _measure(claim.quantities[name], run, courses, time_factors) for run, name in comparison.uses}
+    for relation in claim.relations:
+        measured = {(run, name): _measure(claim.quantities[name], run, courses, time_factors) for run, name in relation.uses}
         if None in measured.values():
             return Verdict(claim, None)
-        findings.append(_compare(comparison, measured, claim.effect))
+        findings.append(_compare(relation, measured, claim.effect))
     return Verdict(claim, min(findings, key=lambda finding: finding.margin))
 
 
-def _compare(comparison: Comparison, measured: Mapping[tuple[str, str], tuple[float, float]], effect: float) -> Finding:
+def _compare(relation: Relation, measured: Mapping[tuple[str, str], tuple[float, float]], effect: float) -> Finding:
     """Both sides and, by propagation of the independent noises of what they name, the noise of their difference."""
 
     def sides(noisy: tuple[str, str] | None = None) -> tuple[float, float]:
         values = {key: value + noise * (key == noisy) for key, (value, noise) in measured.items()}
-        return tuple(_evaluate(side, lambda run, name: values[run, name]) for side in (comparison.left, comparison.right))
+        return tuple(_evaluate(side, lambda run, name: values[run, name]) for side in (relation.left, relation.right))
 
     left, right = sides()
     noise = math.hypot(*(a - b - (left - right) for a, b in (sides(key) for key in measured)))
-    return Finding(comparison, left, right, noise, max(effect, 2.0 * noise))
+    return Finding(relation, left, right, noise, max(effect, 2.0 * noise))
 
 
 def _measure(quantity: Quantity, run: str, courses: Mapping[str, Course], time_factors: Mapping[str, float]) -> tuple[float, float] | None:

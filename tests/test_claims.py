@@ -179,14 +179,14 @@ def test_all_comparisons_must_hold_and_the_weakest_is_shown(verdict):
     quantity = "mean of rear.F_x over 0.1 to 0.3 m"
     assert verdict(quantity, ["SxB > BxB", "SxS > BxB"], drives).holds is True
     chain = verdict(quantity, "BxB < SxB < SxS", drives)
-    assert (chain.holds, str(chain.finding.comparison), chain.finding.measured) == (False, "SxB < SxS", pytest.approx(-1.0))
+    assert (chain.holds, str(chain.finding.relation), chain.finding.measured) == (False, "SxB < SxS", pytest.approx(-1.0))
 
 
 def test_every_stands_for_each_run(verdict):
     drives = {"BxB": made_up_drive(rear_F_x=9.0), "SxB": made_up_drive(rear_F_x=1.0), "SxS": made_up_drive(rear_F_x=9.0)}
     quantities = {"early": "mean of rear.F_x over 0.1 to 0.2 m", "late": "mean of front.F_x over 0.2 to 0.3 m"}
     found = verdict(quantities, "every.early > every.late", drives)
-    assert (found.holds, str(found.finding.comparison)) == (False, "SxB.early > SxB.late")
+    assert (found.holds, str(found.finding.relation)) == (False, "SxB.early > SxB.late")
 
 
 def test_a_window_that_one_run_does_not_reach_leaves_the_claim_open(verdict):
@@ -259,7 +259,7 @@ def test_every_paragraph_of_section_8_5_1_is_covered():
 def test_claims_are_measured_in_the_unit_of_their_effect():
     for claim in load_claims(CLAIMS):
         units = {"1" if quantity.signal is None else SIGNALS[quantity.signal].unit for quantity in claim.quantities.values()}
-        is_ratio = any("/" in str(comparison) for comparison in claim.comparisons)
+        is_ratio = any("/" in str(relation) for relation in claim.relations)
         assert units == {claim.unit} or is_ratio, claim.id
 
 
