@@ -4,7 +4,20 @@ from __future__ import annotations
 
 import math
 
-from ..frames import cross, dot, is_rotation
+from ..contact import (
+    LEAST_CAMBER_COSINE,
+    NO_DATA,
+    SLIP_FLOOR,
+    WHEEL_EVENTS,
+    anchor_here,
+    has_pose,
+    lowest_point,
+    refusal,
+    release,
+    sees,
+    show,
+)
+from ..frames import cross, dot
 from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
@@ -16,10 +29,7 @@ from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_spee
 from ..wheel import WHEEL
 from . import loads
 
-_LEAST_CAMBER_COSINE = 0.17  # the axle at most 80 degrees from the horizontal
-_SLIP_FLOOR = 1e-3  # [m/s] slower wheels have a slip and slip angle near 0 rather than noise
-_NO_DATA, _STILL_NO_DATA, _BURIED, _ON_ITS_SIDE, _OUTSIDE = 1, 2, 3, 4, 5
-_PATIENCE = 2  # steps without a pose
+_OUTSIDE = 5
 
 #: Contact plane after the low-pass: points with normal . r_0 = offset.
 _PLANE = Record(
@@ -63,13 +73,7 @@ class BCM(KernelModel):
             tau_n=Real(0.02, "s", "Time constant of the low-pass on the contact plane; used on a patch", min=0.0, max=10.0),
         )
     )
-    events = {
-        _NO_DATA: Event("wheel {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
-        _STILL_NO_DATA: Event("wheel[{i}] still has no pose after 2 steps: connect wheel[{i}].r_0, T, v_0, w_0 to the rover"),
-        _BURIED: Event(
-            "wheel {i} is buried: its centre is more than its radius below the ground; start it on the ground or check ground_z"
-        ),
-        _ON_ITS_SIDE: Event("wheel {i} lies on its side: its axle is more than 80 deg from the horizontal; BCM knows rolling wheels only"),
+    events = WHEEL_EVENTS | {
         _OUTSIDE: Event("wheel {i} is outside patch[{i}]: send the heights around the wheel's centre (origin, spacing, z)"),
     }
 
@@ -109,7 +113,7 @@ class BCM(KernelModel):
 def _initialise(t, p, x, y):
     for i in range(len(y.wheel)):
         x.wheel[i].silent = 0.0
-        _release(y.wheel[i], y.contact[i], y.diagnostics[i])
+        release(y.wheel[i], y.contact[i], y.diagnostics[i])
 
 
 @kernel
@@ -117,23 +121,23 @@ def _initialise_patches(t, p, x, y):
     for i in range(len(y.wheel)):
         x.wheel[i].silent = 0.0
         x.plane[i].known = 0.0
-        _release(y.wheel[i], y.contact[i], y.diagnostics[i])
+        release(y.wheel[i], y.contact[i], y.diagnostics[i])
 
 
 @kernel
 def _step(t, h, p, u, x, y):
     # Refuse before anything changes, so that the state of a refused step is the old one.
     for i in range(len(u.wheel)):
-        refusal = _refusal(p, u.wheel[i], x.wheel[i].silent, p.ground_z)
-        if refusal:
-            return refusal + STATUS_SPAN * i
+        refused = refusal(p, u.wheel[i], x.wheel[i].silent, p.ground_z)
+        if refused:
+            return refused + STATUS_SPAN * i
     status = 0
     for i in range(len(u.wheel)):
         wheel = u.wheel[i]
-        if _sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
+        if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
             _contact(p, wheel, 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z, y.wheel[i], y.contact[i], y.diagnostics[i])
         elif x.wheel[i].silent > 0.0:
-            status = _NO_DATA + STATUS_SPAN * i
+            status = NO_DATA + STATUS_SPAN * i
     return status
 
 
@@ -141,17 +145,17 @@ def _step(t, h, p, u, x, y):
 def _step_patches(t, h, p, u, x, y):
     for i in range(len(u.wheel)):
         wheel, z = u.wheel[i], p.ground_z
-        if wheel.active > 0.0 and u.patch[i].spacing > 0.0 and _has_pose(wheel):
+        if wheel.active > 0.0 and u.patch[i].spacing > 0.0 and has_pose(wheel):
             inside, z, _, _ = surface(u.patch[i], wheel.r_0[0], wheel.r_0[1])
             if not inside:
                 return _OUTSIDE + STATUS_SPAN * i
-        refusal = _refusal(p, wheel, x.wheel[i].silent, z)
-        if refusal:
-            return refusal + STATUS_SPAN * i
+        refused = refusal(p, wheel, x.wheel[i].silent, z)
+        if refused:
+            return refused + STATUS_SPAN * i
     status = 0
     for i in range(len(u.wheel)):
         wheel = u.wheel[i]
-        if _sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
+        if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
             n_x, n_y, n_z, d = 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z
             if u.patch[i].spacing > 0.0:
                 n_x, n_y, n_z, d = _follow_plane(p, wheel, u.patch[i], h, x.plane[i])
@@ -159,7 +163,7 @@ def _step_patches(t, h, p, u, x, y):
         else:
             x.plane[i].known = 0.0
             if x.wheel[i].silent > 0.0:
-                status = _NO_DATA + STATUS_SPAN * i
+                status = NO_DATA + STATUS_SPAN * i
     return status
 
 
@@ -186,75 +190,12 @@ def _follow_plane(p, wheel, patch, h, plane):
 
 
 @kernel
-def _sees(wheel, memory, wrench, contact, shown):
-    """Clear the outputs; True if the wheel is active and has a pose, else count the steps without one."""
-    _release(wrench, contact, shown)
-    if wheel.active == 0.0:
-        memory.silent = 0.0
-        return False
-    if _has_pose(wheel):
-        memory.silent = 0.0
-        return True
-    memory.silent += 1.0
-    return False
-
-
-@kernel
-def _has_pose(wheel):
-    """False for a T that is no rotation and for a wheel that was never set: T exactly the identity and all else exactly 0."""
-    if not is_rotation(wheel.T):
-        return False
-    for i in range(3):
-        if wheel.r_0[i] != 0.0 or wheel.v_0[i] != 0.0 or wheel.w_0[i] != 0.0:
-            return True
-        for j in range(3):
-            if wheel.T[i, j] != (1.0 if i == j else 0.0):
-                return True
-    return False
-
-
-@kernel
-def _refusal(p, wheel, silent, surface):
-    """Number of the error that this wheel is in, or 0; ``surface`` is the ground's height under its centre [m]."""
-    if wheel.active == 0.0:
-        return 0
-    if not _has_pose(wheel):
-        return _STILL_NO_DATA if silent >= _PATIENCE else 0
-    if wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2 < _LEAST_CAMBER_COSINE**2:
-        return _ON_ITS_SIDE
-    if wheel.r_0[2] < surface - p.r_w:
-        return _BURIED
-    return 0
-
-
-@kernel
-def _release(wrench, contact, shown):
-    """No contact: nothing acts."""
-    for i in range(3):
-        wrench.f_0[i] = 0.0
-        wrench.t_0[i] = 0.0
-        contact.F[i] = 0.0
-        contact.K[i] = 0.0
-        contact.D[i] = 0.0
-    contact.in_contact = 0.0
-    shown.sinkage = 0.0
-    shown.slip = 0.0
-    shown.slip_angle = 0.0
-    shown.theta_entry = 0.0
-    shown.theta_exit = 0.0
-    shown.drawbar_pull = 0.0
-    shown.lateral_force = 0.0
-    shown.normal_load = 0.0
-    shown.drive_torque = 0.0
-
-
-@kernel
 def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     """Wrench, Jacobian and diagnostics of a wheel whose centre is d [m] above a plane with the normal n."""
     T = wheel.T
     a_x, a_y, a_z = T[1, 0], T[1, 1], T[1, 2]
     sin_g = dot(a_x, a_y, a_z, n_x, n_y, n_z)
-    cos_g = math.sqrt(max(1.0 - sin_g * sin_g, _LEAST_CAMBER_COSINE**2))
+    cos_g = math.sqrt(max(1.0 - sin_g * sin_g, LEAST_CAMBER_COSINE**2))
     x_x, x_y, x_z = cross(a_x, a_y, a_z, n_x, n_y, n_z)
     x_x, x_y, x_z = x_x / cos_g, x_y / cos_g, x_z / cos_g
     r_x, r_y, r_z = cross(x_x, x_y, x_z, a_x, a_y, a_z)
@@ -266,7 +207,7 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     w_a = dot(w[0], w[1], w[2], a_x, a_y, a_z)
     w_r = dot(w[0], w[1], w[2], r_x, r_y, r_z)
     travel = travel_speed(v_x, p.r_w * w_a)
-    slip = slip_ratio(v_x, p.r_w * w_a, _SLIP_FLOOR)
+    slip = slip_ratio(v_x, p.r_w * w_a, SLIP_FLOOR)
 
     k_eq = bekker_modulus(p.k_c, p.k_phi, p.b_w)
     tan_phi = math.tan(p.phi)
@@ -308,29 +249,16 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     contact.D[1] = weight * d_y * cos_g * cos_g
     contact.D[2] = weight * max(0.0, d_z)
     contact.in_contact = 1.0 if d < r_tip * cos_g + 0.5 * p.b_w * abs(sin_g) else 0.0
-    for i in range(3):
-        contact.anchor.r_0[i] = wheel.r_0[i]
-        contact.anchor.v_0[i] = v[i]
-        contact.anchor.w_0[i] = w[i]
-        for j in range(3):
-            contact.anchor.T[i, j] = T[i, j]
-    _show(p, wheel, travel, slip, loads.entry_angle(p, d, cos_g), f, -ma, shown)
-
-
-@kernel
-def _show(p, wheel, travel, slip, theta_1, f, drive_torque, shown):
-    """Diagnostics, forces in the heading frame."""
-    v, a_x, a_y, a_z = wheel.v_0, wheel.T[1, 0], wheel.T[1, 1], wheel.T[1, 2]
-    level = math.sqrt(a_x * a_x + a_y * a_y)
-    h_x, h_y = a_y / level, -a_x / level  # heading, horizontal
-    forward, sideward = v[0] * h_x + v[1] * h_y, v[1] * h_x - v[0] * h_y
+    anchor_here(wheel, contact)
+    theta_1 = loads.entry_angle(p, d, cos_g)
     rear = loads.exit_share(p.eta, abs(travel), p.V_theta)
-    shown.sinkage = p.ground_z - (wheel.r_0[2] - p.r_w * level - 0.5 * p.b_w * abs(a_z))
-    shown.slip = slip
-    shown.slip_angle = math.atan2(sideward, max(abs(forward), _SLIP_FLOOR))
-    shown.theta_entry = math.copysign(theta_1, travel)
-    shown.theta_exit = -math.copysign(theta_1 * rear, travel)
-    shown.drawbar_pull = f[0] * h_x + f[1] * h_y
-    shown.lateral_force = f[1] * h_x - f[0] * h_y
-    shown.normal_load = f[2]
-    shown.drive_torque = drive_torque
+    show(
+        wheel,
+        p.ground_z - lowest_point(p, wheel),
+        slip,
+        math.copysign(theta_1, travel),
+        -math.copysign(theta_1 * rear, travel),
+        f,
+        -ma,
+        shown,
+    )

@@ -21,7 +21,7 @@ CACHE = platformdirs.user_cache_path("cdl-fmu", appauthor=False)
 
 _ROOT = Path(__file__).resolve().parents[2]
 #: How numba compiles every kernel, here and for export.
-OPTIONS = dict(error_model="numpy", boundscheck=False)
+OPTIONS = dict(error_model="numpy", boundscheck=False, _nrt=False)
 
 
 class CacheError(Exception):

@@ -1,0 +1,5 @@
+"""SCM: soil that deforms, in cells."""
+
+from .model import SCM
+
+__all__ = ["SCM"]

@@ -1,0 +1,46 @@
+"""The soil's surface as height patches for wheels of other tiers."""
+
+from __future__ import annotations
+
+import math
+
+from ..slave.kernel import kernel
+from .tiles import base_height, find, in_tile, surface_height, tile_of
+
+
+@kernel
+def height_at(p, rows, marks, head, ground, frame, x, y):
+    """Height [m] of the soil's surface at (x, y) [m], bilinear between nodes."""
+    s, q = x / p.cell, y / p.cell
+    i, j = math.floor(s), math.floor(q)
+    s, q = s - i, q - j
+    total = 0.0
+    for a in range(2):
+        for b in range(2):
+            share = (s if a else 1.0 - s) * (q if b else 1.0 - q)
+            if share > 0.0:
+                row = find(marks, head, tile_of(i + a), tile_of(j + b))
+                if row < 0:
+                    total += share * base_height(p, ground, frame, i + a, j + b)
+                else:
+                    total += share * surface_height(rows, row, in_tile(i + a), in_tile(j + b))
+    return total
+
+
+@kernel
+def fill_patch(p, rows, marks, head, ground, frame, r_0, patch):
+    """Heights around a wheel at r_0: nodes at multiples of the spacing, each the mean of nine points a third of the spacing apart."""
+    spacing = p.patch_spacing
+    n_x, n_y = patch.z.shape
+    i0 = math.floor(r_0[0] / spacing + 0.5) - n_x // 2
+    j0 = math.floor(r_0[1] / spacing + 0.5) - n_y // 2
+    patch.spacing = spacing
+    patch.origin[0], patch.origin[1] = i0 * spacing, j0 * spacing
+    third = spacing / 3.0
+    for a in range(n_x):
+        for b in range(n_y):
+            total = 0.0
+            for k in range(-1, 2):
+                for m in range(-1, 2):
+                    total += height_at(p, rows, marks, head, ground, frame, (i0 + a) * spacing + k * third, (j0 + b) * spacing + m * third)
+            patch.z[a, b] = total / 9.0

@@ -1,0 +1,82 @@
+"""What one small piece of a tool's surface feels in the soil: pressure by depth and memory, shear by displacement."""
+
+from __future__ import annotations
+
+import math
+
+from ..slave.kernel import kernel
+from ..terramechanics import bekker_modulus, janosi_displacement
+
+#: Largest shear displacement that a cell remembers, in units of K: beyond it reversing would take longer than mobilising did.
+LONGEST_MEMORY = 5.0
+_FORCE_QUANTUM = 2.0**-30  # [N], [N.m]
+_ROUND = 1.5 * 2.0**52 * _FORCE_QUANTUM
+
+
+@kernel
+def whole(force):
+    """Nearest multiple of 1e-9 N (N.m): sums of such are exact up to 4e6 N, so the order of the summands does not matter."""
+    return (force + _ROUND) - _ROUND
+
+
+@kernel
+def pressure_modulus(p, b):
+    """k [N/m^(n+2)] of the pressure k z^n under a tool of width b [m]."""
+    if p.pressure_model == 2.0:
+        return (p.c * p.k_c_1 + p.rho * p.gravity * b * p.k_phi_1) / b**p.n  # Reece 1965: (c k'_c + gamma_s b k'_phi) (z/b)^n
+    return bekker_modulus(p.k_c, p.k_phi, b)  # Eq. (8.5)
+
+
+@kernel
+def bearing_depth(p, depth, fill):
+    """Depth [m] that counts for the bearing pressure: a mound above the original level carries little of what as much depth would.
+
+    Own choice: its height counts by mound_strength, 0.2 by default, as Hansen's ground slope factor at the angle of repose.
+    """
+    return depth - (1.0 - p.mound_strength) * min(depth, max(fill, 0.0))
+
+
+@kernel
+def plastic_pressure(p, modulus, bearing, near, pressure_near):
+    """k bearing^n [Pa], from its value at a depth nearby [m]: a power costs ten times more than its series."""
+    x = bearing - near
+    if abs(x) > 0.25 * near:
+        return modulus * bearing**p.n
+    x, n = x / near, p.n
+    # Binomial series; its next term is below 1e-4 of the pressure for n up to 3.
+    return pressure_near * (1.0 + n * x * (1.0 + 0.5 * (n - 1.0) * x * (1.0 + (n - 2.0) / 3.0 * x * (1.0 + 0.25 * (n - 3.0) * x))))
+
+
+@kernel
+def pressure(p, elastic, bearing, plastic):
+    """Elastic-plastic pressure [Pa] and its slope [Pa/m] of soil pressed ``elastic`` > 0 [m] below its floor, at a bearing depth [m].
+
+    Elastic predictor k_e elastic, limited by the plastic pressure; the floor that is left lies pressure / k_e above the tool.
+    """
+    trial = p.k_e * elastic
+    return (trial, p.k_e) if trial < plastic else (plastic, p.n * plastic / bearing)
+
+
+@kernel
+def mobilised(p, j_x, j_y, v_x, v_y):
+    """Shear displacement vector [m] that counts, mobilised share of the strength, and that share per displacement [1/m].
+
+    Own choice: v tau_r is added to the displacement. The displacement law alone has no damping, and a rover's surge on it, of the
+    frequency sqrt(tan(phi) g / K), becomes a limit cycle at low gravity.
+    """
+    x, y = j_x + p.tau_r * v_x, j_y + p.tau_r * v_y
+    length = math.sqrt(x * x + y * y)
+    if length < 1e-9 * p.K:
+        return x, y, 0.0, 1.0 / p.K
+    share = janosi_displacement(length, p.K)
+    return x, y, share, share / length
+
+
+@kernel
+def remembered(p, j_x, j_y):
+    """Shear displacement vector [m], shortened to what the soil remembers."""
+    length = math.sqrt(j_x * j_x + j_y * j_y)
+    longest = LONGEST_MEMORY * p.K
+    if length <= longest:
+        return j_x, j_y
+    return j_x * longest / length, j_y * longest / length

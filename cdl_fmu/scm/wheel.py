@@ -1,0 +1,304 @@
+"""A wheel on the soil's cells: footprint, stresses, force on the wheel, and what the step does to each cell.
+
+The lower surface of the rim is exact. A cell's footprint is averaged over its area: its share across the width that the rim covers,
+and four points along the heading, each with its own depth, so that stress grows and falls within a cell as it does within the soil.
+Grousers are lines finer than a cell: they press with the area of their tips and push with their faces, but leave no mark of their own,
+as loose soil closes behind them.
+
+All work reads the soil as it was at the step's begin and writes to the wheel's own memory only, so wheels can run in parallel.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..bcm.loads import shear_radius
+from ..slave.kernel import kernel
+from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
+from .stress import bearing_depth, mobilised, plastic_pressure, pressure, remembered, whole
+from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
+
+#: Columns of a tool's list of pressed cells.
+ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y = range(11)
+COLUMNS = 11
+#: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells.
+F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
+SUMS = 14
+
+_POINTS = 4  # along the heading in a cell
+_CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
+_STEEPEST = 0.995  # share of the radius up to which the rim counts as a lower surface
+
+
+@kernel
+def clear(sums):
+    """No contact."""
+    for k in range(SUMS):
+        sums[k] = 0.0
+    sums[ALONG_MIN], sums[ALONG_MAX] = 1e9, -1e9
+
+
+@kernel
+def add_force(sums, x, y, z, f_x, f_y, f_z):
+    """Add a force [N] at a point [m] relative to the tool's centre, both in its level axes."""
+    sums[F_X] += whole(f_x)
+    sums[F_Y] += whole(f_y)
+    sums[F_Z] += whole(f_z)
+    sums[T_X] += whole(y * f_z - z * f_y)
+    sums[T_Y] += whole(z * f_x - x * f_z)
+    sums[T_Z] += whole(x * f_y - y * f_x)
+
+
+@kernel
+def limited_slope(low, middle, high, cell):
+    """Slope [1] of a field between three cells: the mean where it is smooth, 0 at its edges (van Leer's monotonised central limiter)."""
+    a, b = middle - low, high - middle
+    if a * b <= 0.0:
+        return 0.0
+    return math.copysign(min(0.5 * abs(a + b), 2.0 * abs(a), 2.0 * abs(b)), a) / cell
+
+
+@kernel
+def floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y):
+    """Slope [1] of the pressed floor along the direction h around cell (i, j)."""
+    x = limited_slope(_pressed(rows, grid, corner, i - 1, j), floor, _pressed(rows, grid, corner, i + 1, j), p.cell)
+    y = limited_slope(_pressed(rows, grid, corner, i, j - 1), floor, _pressed(rows, grid, corner, i, j + 1), p.cell)
+    return x * h_x + y * h_y
+
+
+@kernel
+def _pressed(rows, grid, corner, i, j):
+    return floor_depth(rows, row_of(grid, corner, i, j), in_tile(i), in_tile(j))
+
+
+@kernel
+def wheel_contact(p, wheel, side, modulus, h, stamp, rows, grid, corner, cells, sums):
+    """Stresses on a wheel with soil under it.
+
+    Args:
+        wheel: Its input record.
+        side: Displacement of its sides against the soil beside them [m], to the left; updated value is returned.
+        modulus: k of the pressure law [N/m^(n+2)].
+        h: Length of the step [s].
+        stamp: Number of the step.
+        rows, grid, corner: Soil, and the look-up of the wheel's surroundings.
+        cells: Filled with the pressed cells, [n, COLUMNS].
+        sums: Filled with the sums, [SUMS].
+
+    Returns:
+        Displacement of the sides [m].
+    """
+    clear(sums)
+    T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
+    level = math.sqrt(T[1, 0] * T[1, 0] + T[1, 1] * T[1, 1])
+    l_x, l_y, tilt = T[1, 0] / level, T[1, 1] / level, T[1, 2]
+    h_x, h_y = l_y, -l_x
+    v_x, v_y, v_z = v_0[0] * h_x + v_0[1] * h_y, v_0[0] * l_x + v_0[1] * l_y, v_0[2]
+    w_x, w_y, w_z = w_0[0] * h_x + w_0[1] * h_y, w_0[0] * l_x + w_0[1] * l_y, w_0[2]
+    N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
+    r, half, cell = p.r_w, 0.5 * p.b_w, p.cell
+    reach = shear_radius(p, N_phi) / r  # the shear surface's radius over the rim's
+    damping = max(0.0, 1.0 - p.c_d * v_z)  # Hunt & Crossley 1975, as in BCM
+    points, step = cell * cell / _POINTS, cell / _POINTS
+
+    span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
+    span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
+    n = 0
+    for i in range(nearest(r_0[0] - span_x, cell), nearest(r_0[0] + span_x, cell) + 1):
+        for j in range(nearest(r_0[1] - span_y, cell), nearest(r_0[1] + span_y, cell) + 1):
+            d_x, d_y = i * cell - r_0[0], j * cell - r_0[1]
+            along, across = d_x * h_x + d_y * h_y, d_x * l_x + d_y * l_y
+            low = max(abs(along) - 0.5 * cell, 0.0)
+            if low >= _STEEPEST * r:
+                continue
+            down = -math.sqrt(r * r - low * low)
+            xi = (across + down * tilt) / level
+            cover = min((half - abs(xi)) * level / cell + 0.5, 1.0)
+            if cover <= 0.0:
+                continue
+            row = row_of(grid, corner, i, j)
+            a, b = in_tile(i), in_tile(j)
+            fill = rows[row, FILL, a, b]
+            surface = rows[row, BASE, a, b] + fill - r_0[2]
+            if surface <= (down + across * tilt) / level:
+                continue
+            floor = floor_depth(rows, row, a, b)
+            slope = floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y)
+            if cover < 1.0:  # the middle of the covered part
+                across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
+            depth_middle = surface - (across * tilt - math.sqrt(max(r * r - along * along, 0.0))) / level
+            middle = bearing_depth(p, max(depth_middle, 0.0), fill)
+            plastic_middle = modulus * middle**p.n
+            total = moment = floors = stiffness = f_x = t_y = 0.0
+            for k in range(_POINTS):
+                offset = (k + 0.5) * step - 0.5 * cell
+                x = along + offset
+                before = max(floor + slope * offset, 0.0)
+                after = before
+                if abs(x) < _STEEPEST * r:
+                    root = math.sqrt(r * r - x * x)
+                    z = (across * tilt - root) / level
+                    depth = surface - z
+                    if depth > before:
+                        bearing = bearing_depth(p, depth, fill)
+                        sigma, rise = pressure(p, depth - before, bearing, plastic_pressure(p, modulus, bearing, middle, plastic_middle))
+                        after = max(before, depth - sigma / p.k_e)
+                        # Pressure of the side below a tilted rim cancels its push across, as in BCM: no force across.
+                        push = -sigma * x / (root * level)
+                        f_x += push
+                        t_y += z * push - x * sigma
+                        total += sigma
+                        moment += sigma * x
+                        stiffness += rise
+                floors += after
+            if total <= 0.0:
+                # Not pressed; what is closely covered is held against landslides.
+                if depth_middle - rows[row, SINKAGE, a, b] > -_CLEARANCE * cell:
+                    cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
+                    n += 1
+                continue
+            x = moment / total
+            cos = math.sqrt(1.0 - (x / r) ** 2)
+            sin = x / r
+            z = (across * tilt - r * cos) / level
+            # Velocity of the rim against the soil, along its tangent and along the axle.
+            u_x, u_z = v_x + reach * (w_y * z - w_z * across), v_z + reach * (w_x * across - w_y * x)
+            u_t, u_l = u_x * cos + u_z * sin, v_y + w_z * x - w_x * z
+            u_1, u_2 = u_t * h_x + u_l * l_x, u_t * h_y + u_l * l_y
+            j_x, j_y = h * u_1, h * u_2
+            if rows[row, STAMP, a, b] == stamp - 1.0:  # else it was not in contact
+                j_x, j_y = j_x + rows[row, SHEAR_X, a, b], j_y + rows[row, SHEAR_Y, a, b]
+            j_x, j_y = remembered(p, j_x, j_y)
+            m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_1, u_2)
+            area = cover * points * damping
+            strength = (p.c * min(damping, 1.0) + total / _POINTS * damping * tan_phi) * cover * cell * cell / cos  # Eq. (8.7)
+            f_t, f_l = -strength * secant * (m_x * h_x + m_y * h_y), -strength * secant * (m_x * l_x + m_y * l_y)
+            s_x, s_z = f_t * cos, f_t * sin
+            sums[F_X] += whole(area * f_x + s_x)
+            sums[F_Y] += whole(f_l)
+            sums[F_Z] += whole(area * total + s_z)
+            sums[T_X] += whole(across * (area * total + s_z) - reach * z * f_l)
+            sums[T_Y] += whole(area * t_y + reach * (z * s_x - x * s_z))
+            sums[T_Z] += whole(reach * x * f_l - across * (area * f_x + s_x))
+            sums[K_X] += whole(strength * secant)
+            sums[K_Y] += whole(strength * secant)
+            sums[K_Z] += whole(stiffness * area)
+            sums[D_Z] += whole(p.c_d * total * cover * points)
+            pressed = floors / _POINTS
+            sums[DEEPEST] = max(sums[DEEPEST], pressed - fill)
+            sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
+            cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
+            cells[n, FLOOR], cells[n, MEAN] = pressed, cover * pressed
+            cells[n, J_X], cells[n, J_Y] = j_x, j_y
+            cells[n, ALONG], cells[n, ACROSS] = along, across
+            # Soil dragged along by the rim: a layer whose speed falls linearly from the rim's to 0.
+            dragged = 0.5 * p.transport_depth * share * cover * h / cell
+            cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * u_1, dragged * u_2
+            n += 1
+    sums[CELLS] = n
+    if p.n_g > 0.0 and p.h_g > 0.0:
+        _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, v_z, w_y, stamp, rows, grid, corner, sums)
+    if n == 0:
+        return 0.0
+    return _sides(p, wheel, side, N_phi, level, h_x, h_y, v_x, v_y, w_x, h, rows, grid, corner, sums)
+
+
+@kernel
+def _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, v_z, w_y, stamp, rows, grid, corner, sums):
+    """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
+    T, r_0 = wheel.T, wheel.r_0
+    tilt = T[1, 2]
+    r_tip = p.r_w + p.h_g
+    # Angle from nadir of the grouser along -z of the wheel frame, about the axle.
+    up_x, up_y, up_z = tilt * h_y, -tilt * h_x, level
+    first = math.atan2(-(T[2, 0] * h_x + T[2, 1] * h_y), T[2, 0] * up_x + T[2, 1] * up_y + T[2, 2] * up_z)
+    pitch = 2.0 * math.pi / p.n_g
+    strips = math.ceil(p.b_w / p.cell)
+    width = p.b_w / strips
+    interlocked = shear_radius(p, N_phi) > p.r_w
+    gamma_s = p.rho * p.gravity
+    for g in range(int(p.n_g)):
+        theta = first + g * pitch
+        cos, sin = math.cos(theta), math.sin(theta)
+        if cos < 0.1:
+            continue
+        for s in range(strips):
+            xi = (s + 0.5) * width - 0.5 * p.b_w
+            # Tip in level axes: radius along (sin, down), axle along (level, tilt).
+            x = r_tip * sin
+            y = xi * level + r_tip * cos * tilt
+            z = xi * tilt - r_tip * cos * level
+            i = nearest(r_0[0] + x * h_x - y * h_y, p.cell)
+            j = nearest(r_0[1] + x * h_y + y * h_x, p.cell)
+            row = row_of(grid, corner, i, j)
+            a, b = in_tile(i), in_tile(j)
+            kept = rows[row, STAMP, a, b] == stamp - 1.0
+            floor = floor_depth(rows, row, a, b)
+            fill = rows[row, FILL, a, b]
+            surface = rows[row, BASE, a, b] + fill - r_0[2]
+            depth = surface - z
+            if depth <= floor:
+                continue
+            bearing = bearing_depth(p, depth, fill)
+            sigma, rise = pressure(p, depth - floor, bearing, modulus * bearing**p.n)
+            u = v_x * cos + v_z * sin - w_y * r_tip
+            j_x, j_y = (rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]) if kept else (0.0, 0.0)
+            m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
+            m_t, m_l = m_x * h_x + m_y * h_y, m_y * h_x - m_x * h_y
+            area = width * p.t_g
+            f_n = sigma * damping * area
+            strength = mohr_coulomb(p.c * min(damping, 1.0), sigma * damping, tan_phi) * area
+            stiffness = strength * secant
+            f_t, f_l = -stiffness * m_t, -stiffness * m_l
+            add_force(sums, x, y, z, f_t * cos - f_n * sin, f_l, f_t * sin + f_n * cos * level)
+            if not interlocked:  # else the soil between the grousers turns with them
+                rim = depth - p.h_g * cos * level
+                wetted = min(max(depth - floor, 0.0), p.h_g * cos * level)
+                # The face's top lies below undisturbed soil ahead of the wheel, below the pressed floor behind.
+                over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
+                q = 0.0
+                if p.kappa_q > 0.0 and rim > floor:
+                    bearing = bearing_depth(p, rim, fill)
+                    q = p.kappa_q * pressure(p, rim - floor, bearing, modulus * bearing**p.n)[0]
+                passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
+                face = p.r_w + 0.5 * p.h_g
+                add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)
+                stiffness += passive
+            sums[K_X] += whole(stiffness)
+            sums[K_Y] += whole(stiffness)
+            sums[K_Z] += whole(rise * damping * area)
+            sums[D_Z] += whole(p.c_d * sigma * area)
+
+
+@kernel
+def _sides(p, wheel, side, N_phi, level, h_x, h_y, v_x, v_y, w_x, h, rows, grid, corner, sums):
+    """Passive earth pressure of the soil beside the wheel, mobilised by its displacement across; returns that displacement [m].
+
+    Own choice: soil beside a rolling wheel is left behind and replaced by soil that was not displaced yet, so displacement relaxes over
+    the length of contact. Mobilised by K as the shear below the rim.
+    """
+    cell, gamma_s = p.cell, p.rho * p.gravity
+    length = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
+    u = v_y + w_x * p.r_w  # of the rim's lowest point
+    side = (side + u * h) / (1.0 + abs(v_x) * h / length)
+    side, _ = remembered(p, side, 0.0)
+    m, _, _, secant = mobilised(p, side, 0.0, u, 0.0)
+    r_0 = wheel.r_0
+    edge = math.copysign(0.5 * p.b_w * level, m)  # the side that pushes
+    beside = edge + math.copysign(0.5 * cell, m)
+    first, last = math.floor(sums[ALONG_MIN] / cell + 0.5), math.floor(sums[ALONG_MAX] / cell + 0.5)
+    for k in range(first, last + 1):
+        x = k * cell
+        if abs(x) >= _STEEPEST * p.r_w:
+            continue
+        bottom = edge / level * wheel.T[1, 2] - math.sqrt(p.r_w**2 - x * x) * level
+        i = nearest(r_0[0] + x * h_x - beside * h_y, cell)
+        j = nearest(r_0[1] + x * h_y + beside * h_x, cell)
+        wall = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - bottom
+        if wall <= 0.0:
+            continue
+        stiffness = rankine_wall(gamma_s, wall, 0.0, 0.0, p.c, N_phi) * secant * cell
+        # A pressure that grows with depth acts at a third of the height.
+        add_force(sums, x, edge, bottom + wall / 3.0, 0.0, -stiffness * m, 0.0)
+        sums[K_Y] += whole(stiffness)
+    return side
