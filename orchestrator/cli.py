@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 _EXAMPLES = {
     "run": "cdl run two_wheel --tiers BCM,BCM --stop-time 2 --set soil.phi=0.6",
+    "compare": "cdl compare two_wheel --out results/compare",
     "build": "cdl build --out my_fmus",
     "info": "cdl info cdl_bcm_w2",
     "plot": "cdl plot results/two_wheel -o drive.pdf",
@@ -69,6 +70,8 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A value in place of the experiment's, e.g. soil.phi=0.6; may be repeated."),
 ]
+StopTime = Annotated[float | None, typer.Option(metavar="S", help="End of the run, in s.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")]
 Scheme = Literal["ij", "gs-mid", "gs", "jacobi", "aitken"]
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="result.nc, or the folder of a run.")]
 
@@ -95,7 +98,7 @@ def run(
     ],
     tiers: Tiers = None,
     settings: Settings = None,
-    stop_time: Annotated[float | None, typer.Option(metavar="S", help="End of the run, in s.")] = None,
+    stop_time: StopTime = None,
     step: Annotated[float | None, typer.Option(metavar="S", help="Communication step, in s.")] = None,
     scheme: Annotated[Scheme | None, typer.Option(help="How the FMUs are coupled. Default: the experiment's, else ij.")] = None,
     out: Annotated[
@@ -103,12 +106,11 @@ def run(
     ] = None,
     checkpoint_every: Annotated[float | None, typer.Option(metavar="S", help="Simulated time between checkpoints, in s.")] = None,
     resume: Annotated[Path | None, typer.Option(metavar="CHECKPOINT", help="Go on from a checkpoint, with the options of its run.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder."""
     _require_platform()
-    from .drive import simulate
-    from .results import open_result
+    from .drive import facts_of, simulate
     from .terminal import follow
 
     if out is None and resume is not None:
@@ -127,18 +129,50 @@ def run(
             progress=display.progress,
             status=display.status,
         )
-    result = open_result(outcome.result)
-    wheels = _wheels(result)
+    facts = facts_of(outcome)
     if as_json:
-        facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")}
-        print(json.dumps({**facts, "result": str(outcome.result), "wheels": wheels}))
+        print(json.dumps(facts))
     else:
-        _summarise(outcome, wheels, resumed=resume is not None)
+        _summarise(outcome, facts["wheels"], resumed=resume is not None)
     for warning in outcome.warnings:
         _say(f"warning: {warning}")
     if outcome.status == "interrupted":
         _say(f"interrupted at t = {outcome.simulated_s:g} s; all steps so far are in {outcome.result}")
         raise typer.Exit(130)
+
+
+@app.command(epilog=f"Example:  {_EXAMPLES['compare']}")
+def compare(
+    experiment: Annotated[str, typer.Argument(metavar="EXPERIMENT", help="A shipped experiment (two_wheel), or an experiment's .toml.")],
+    settings: Settings = None,
+    stop_time: StopTime = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder to write. Default: results/compare_<name>.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Run an experiment with BCM, with SCM in front and with SCM, and measure what the chapter's section 8.5 says of them."""
+    _require_platform()
+    from .compare import compare as compare_runs
+    from .terminal import follow, output, table
+
+    comparison = compare_runs(
+        experiment, out, overrides=_overrides(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
+    )
+    if as_json:
+        print(json.dumps(comparison.facts()))
+    else:
+        console = output()
+        for sheet in comparison.sheets():
+            shown = [i for i, column in enumerate(sheet.columns) if console.width >= 120 or column not in sheet.wide]
+            rows = table(*(sheet.columns[i] for i in shown))
+            for row in sheet.rows:
+                rows.add_row(*(row[i] for i in shown))
+            console.print(sheet.title, rows, sheet.note, "", sep="\n")
+        print(*(comparison.out / name for name in ("comparison.json", "comparison.md")), *comparison.pictures, sep="\n")
+    for run, outcome in comparison.outcomes.items():
+        for warning in outcome.warnings:
+            _say(f"warning: {run}: {warning}")
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['build']}")
@@ -291,12 +325,6 @@ def _overrides(settings: list[str] | None) -> dict[str, object]:
             value = text
         overrides[key.strip()] = value
     return overrides
-
-
-def _wheels(result) -> list[dict]:
-    from .report import summary
-
-    return summary(result) if json.loads(result.attrs["wheels"]) else []
 
 
 def _summarise(outcome, wheels: list[dict], resumed: bool) -> None:

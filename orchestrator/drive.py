@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from .report import plot
+from .report import plot, summary
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
 from .soil_map import soil_of
@@ -95,3 +96,11 @@ def simulate(
     except ResultError as error:  # a foreign system has no wheels to draw
         outcome.warnings.append(f"no picture: {error}")
     return outcome
+
+
+def facts_of(outcome: Outcome) -> dict[str, object]:
+    """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units, ``wheels`` as :func:`.report.summary` has them."""
+    result = open_result(outcome.result)
+    wheels = summary(result) if json.loads(result.attrs["wheels"]) else []
+    facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")}
+    return {**facts, "result": str(outcome.result), "wheels": wheels}

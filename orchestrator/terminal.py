@@ -42,24 +42,28 @@ class Display:
 
 
 @contextmanager
-def follow(quiet: bool) -> Iterator[Display]:
-    """Show a run on stderr: a spinner and a bar, or a line every few seconds where there is no terminal; nothing if quiet."""
+def follow(quiet: bool, run: str = "") -> Iterator[Display]:
+    """Show a run on stderr: a spinner and a bar, or a line every few seconds where there is no terminal; nothing if quiet.
+
+    ``run`` is said before everything, where several runs follow one another.
+    """
     console = Console(stderr=True, markup=False, highlight=False)
+    label = run and f"{run}: "
     if quiet:
         yield Display()
     elif console.is_terminal:
-        with _bar(console) as display:
+        with _bar(console, label) as display:
             yield display
     else:
-        yield _lines()
+        yield _lines(label)
 
 
 @contextmanager
-def _bar(console: Console) -> Iterator[Display]:
-    spinner = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console, transient=True)
+def _bar(console: Console, label: str = "") -> Iterator[Display]:
+    spinner = Progress(SpinnerColumn(), TextColumn(label + "{task.description}"), TimeElapsedColumn(), console=console, transient=True)
     # Drawn by the run's own calls: a thread that refreshes would take its time from the run.
     bar = Progress(
-        TextColumn("{task.completed:.2f} of {task.total:g} s"),
+        TextColumn(label + "{task.completed:.2f} of {task.total:g} s"),
         BarColumn(),
         _Speed(),
         TimeRemainingColumn(),
@@ -96,12 +100,12 @@ class _Speed(ProgressColumn):
         return Text("" if speed is None else f"{speed:.1f} x real time")
 
 
-def _lines() -> Display:
+def _lines(label: str = "") -> Display:
     first: list[float] = []
     shown = 0.0
 
     def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+        print(label + text, file=sys.stderr, flush=True)
 
     def progress(t: float, stop: float) -> None:
         nonlocal shown
