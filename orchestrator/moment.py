@@ -54,7 +54,7 @@ class Moment:
     def surface(self, x: tuple[float, float], y: tuple[float, float]) -> xr.DataArray:
         """Soil z(x, y) [m] on all nodes within the bounds [m]; flat ground if nothing of this run deforms.
 
-        What lies beyond the result's map has the height of its edge.
+        What lies beyond the result's map has the height of its edge, and what it does not know that of the undeformed ground.
         """
         on_soil = self.result.cdl.soil_times.size > 0
         spacing = float(self.result.soil_z.attrs["spacing"]) if on_soil else _SPACING
@@ -62,7 +62,7 @@ class Moment:
         for axis, (low, high) in zip("xy", (x, y)):
             axes[axis] = spacing * np.arange(np.floor(low / spacing), np.ceil(high / spacing) + 1)
         if on_soil:
-            return self.result.cdl.soil(self.t).reindex(axes, method="nearest")
+            return self.result.cdl.soil(self.t).reindex(axes, method="nearest").fillna(self.ground)
         return xr.DataArray(np.full([len(a) for a in axes.values()], self.ground), axes, ("x", "y"))
 
 

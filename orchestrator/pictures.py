@@ -188,7 +188,7 @@ def _scale(runs: Mapping[str, xr.Dataset]) -> Normalize:
     for run in runs.values():
         if run.cdl.soil_times.size:
             z = 1e3 * (run.cdl.soil(np.inf).values - float(run.attrs.get("ground_z", 0.0)))
-            low, high = min(low, np.floor(z.min() / 5) * 5), max(high, np.ceil(z.max() / 5) * 5)
+            low, high = min(low, np.floor(np.nanmin(z) / 5) * 5), max(high, np.ceil(np.nanmax(z) / 5) * 5)
     return Normalize(low, high)
 
 

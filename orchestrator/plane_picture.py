@@ -85,11 +85,13 @@ def fit_plane(x: np.ndarray, y: np.ndarray, z: np.ndarray, r_0: np.ndarray, T: n
 
 
 def plane_under(moment: Moment, wheel: Pose) -> PlaneFit:
-    """The contact plane of a wheel in the soil of a moment, on a patch around it as BCM gets one."""
+    """The contact plane of a wheel in the soil of a moment, on a patch around it as SCM makes one: each node the mean of nine points."""
     middle = np.round(wheel.r_0[:2] / _SPACING)
     x, y = (_SPACING * np.arange(m - n, m + n + 1) for m, n in zip(middle, (6, 4)))
-    z = moment.surface((x[0], x[-1]), (y[0], y[-1])).interp(x=x, y=y)
-    return fit_plane(x, y, z.values, wheel.r_0, wheel.T, moment.dimensions)
+    near = _SPACING / 3 * np.array([-1, 0, 1])
+    x_9, y_9 = ((axis[:, None] + near).ravel() for axis in (x, y))
+    z = moment.surface((x_9[0], x_9[-1]), (y_9[0], y_9[-1])).interp(x=x_9, y=y_9).values
+    return fit_plane(x, y, z.reshape(x.size, 3, y.size, 3).mean(axis=(1, 3)), wheel.r_0, wheel.T, moment.dimensions)
 
 
 def figure_8_4(fit: PlaneFit, title: str) -> Figure:

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from .results_soil import SoilWriter, read_surface
+from .results_soil import SoilWriter, Surface, read_surface
 
 #: Name of the result file in the folder that a run leaves.
 FILE_NAME = "result.nc"
@@ -96,10 +96,10 @@ class ResultWriter:
         if self._pending == BLOCK:
             self.flush()
 
-    def append_soil(self, time: float, surface: xr.DataArray) -> None:
-        """Record the soil's surface z(x, y) [m] at a time [s]; it is on disk before this returns.
+    def append_soil(self, time: float, surface: Surface) -> None:
+        """Record the soil's surface at a time [s]; it is on disk before this returns.
 
-        Nodes lie at multiples of one spacing. A time that is not later than the last snapshot's keeps that one.
+        The spacing is the same every time. A time that is not later than the last snapshot's keeps that one.
         """
         self._soil.append(time, surface)
         self._file.flush()
@@ -214,7 +214,7 @@ class Channels:
     def soil(self, t: float) -> xr.DataArray:
         """Surface of the soil, height z(x, y) [m] in world, at the last snapshot at or before ``t`` [s] (attribute ``time``).
 
-        It covers the rectangle around all soil that was touched by then; what was not touched has its first height.
+        It covers the rectangle around all soil that had been near a wheel by then; in it, what no wheel had come near yet is NaN.
 
         Raises:
             ResultError: the run was not on deforming soil, or ``t`` lies before its first snapshot.
@@ -225,4 +225,9 @@ class Channels:
         n = int(np.searchsorted(times, t + 1e-9))  # times are sums of steps
         if n == 0:
             raise ResultError(f"no soil map at t = {t:g} s: the result's first is of t = {times[0]:g} s; ask for a later time")
-        return read_surface(self._result, n - 1)
+        surface = read_surface(self._result, n - 1)
+        # Multiples of the spacing, as the same node must have the same place in every map.
+        axes = ((round(a / surface.spacing) + np.arange(n_nodes)) * surface.spacing for a, n_nodes in zip(surface.origin, surface.z.shape))
+        coordinates = {name: (name, values, {"units": "m"}) for name, values in zip("xy", axes)}
+        attrs = {"units": "m", "long_name": "soil surface", "time": float(times[n - 1])}
+        return xr.DataArray(surface.z, coordinates, ("x", "y"), name="z", attrs=attrs)

@@ -2,10 +2,12 @@
 
 A map covers a rectangle of grid nodes that grows with the track; node (i, j) lies at x = i spacing, y = j spacing. Snapshot n holds
 at ``soil_time[n]`` the nodes i0 <= i < i1, j0 <= j < j1 of ``soil_rectangle[n]``, each with the last height among the first
-``soil_end[n]`` of ``soil_i``, ``soil_j``, ``soil_z``. Heights are float32: 10 nm at a height of 0.1 m.
+``soil_end[n]`` of ``soil_i``, ``soil_j``, ``soil_z``; a node that has none is not known yet. Heights are float32: 10 nm at 0.1 m.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import h5netcdf
 import numpy as np
@@ -15,6 +17,20 @@ _CHUNK = 8192  # nodes: what a wheel of Table 8.2 changes in some ten snapshots
 _CORNERS = ("i0", "i1", "j0", "j1")
 
 
+class Surface(NamedTuple):
+    """Heights of a soil's surface on a rectangle of nodes.
+
+    Attributes:
+        origin: World x and y of node [0, 0] [m], multiples of the spacing.
+        spacing: Distance of neighbouring nodes [m].
+        z: Height [m], shape [n_x, n_y]; NaN = not known.
+    """
+
+    origin: tuple[float, float]
+    spacing: float
+    z: np.ndarray
+
+
 class SoilWriter:
     """Adds snapshots to a result file; the first one lays out their variables."""
 
@@ -22,12 +38,11 @@ class SoilWriter:
         self._file = file
         self._snapshots = self._nodes = 0
         self._time = -np.inf
-        self._spacing = 0.0
         self._heights = np.empty((0, 0), np.float32)
         self._first = (0, 0)  # node of _heights[0, 0]
 
-    def append(self, time: float, surface: xr.DataArray) -> None:
-        """Store the ``surface`` z(x, y) [m] at a time [s]; its nodes lie at multiples of their spacing, the same in every snapshot.
+    def append(self, time: float, surface: Surface) -> None:
+        """Store the surface at a time [s]. Its spacing is the same in every snapshot; once known, a node stays so.
 
         A time that is not later than the last snapshot's keeps that one.
         """
@@ -35,10 +50,9 @@ class SoilWriter:
             return
         self._time = time
         if self._snapshots == 0:
-            self._spacing = float(surface.x[1] - surface.x[0])
-            self._layout()
-        first = tuple(round(float(axis[0]) / self._spacing) for axis in (surface.x, surface.y))
-        heights = surface.values.astype(np.float32)
+            self._layout(surface.spacing)
+        first = tuple(round(start / surface.spacing) for start in surface.origin)
+        heights = surface.z.astype(np.float32)
         i, j = np.nonzero(self._changed(first, heights))
         self._extend("node", self._nodes, soil_i=i + first[0], soil_j=j + first[1], soil_z=heights[i, j])
         self._nodes += i.size
@@ -48,16 +62,16 @@ class SoilWriter:
         self._heights, self._first = heights, first
 
     def _changed(self, first: tuple[int, int], heights: np.ndarray) -> np.ndarray:
-        """Where ``heights`` are not those of the last snapshot, or lie outside it."""
+        """Where ``heights`` are known and not those of the last snapshot, or lie outside it."""
         changed = np.ones(heights.shape, bool)
         low = np.maximum(first, self._first)
         high = np.minimum(np.add(first, heights.shape), np.add(self._first, self._heights.shape))
         if np.all(high > low):
             here, there = (tuple(slice(a, b) for a, b in zip(low - f, high - f)) for f in (first, self._first))
             changed[here] = heights[here] != self._heights[there]
-        return changed
+        return changed & ~np.isnan(heights)
 
-    def _layout(self) -> None:
+    def _layout(self, spacing: float) -> None:
         file = self._file
         file.dimensions.update({"snapshot": None, "node": None, "corner": len(_CORNERS)})
         file.create_variable("corner", ("corner",), "S2", data=np.array(_CORNERS, "S2"))
@@ -69,7 +83,7 @@ class SoilWriter:
             file.create_variable(name, ("node",), "i4", chunks=(_CHUNK,))
         z = file.create_variable("soil_z", ("node",), "f4", chunks=(_CHUNK,))
         z.attrs["units"] = "m"
-        z.attrs["spacing"] = self._spacing
+        z.attrs["spacing"] = spacing
 
     def _extend(self, dimension: str, first: int, **columns) -> None:
         last = first + len(next(iter(columns.values())))
@@ -78,15 +92,12 @@ class SoilWriter:
             self._file[name][first:last] = values
 
 
-def read_surface(result: xr.Dataset, snapshot: int) -> xr.DataArray:
-    """Surface z(x, y) [m] at a snapshot of a result that has some."""
+def read_surface(result: xr.Dataset, snapshot: int) -> Surface:
+    """The surface at a snapshot of a result that has some."""
     i0, i1, j0, j1 = result.soil_rectangle.values[snapshot].tolist()
     i, j, z = (result[name].values[: int(result.soil_end[snapshot])] for name in ("soil_i", "soil_j", "soil_z"))
     inside = (i0 <= i) & (i < i1) & (j0 <= j) & (j < j1)
     heights = np.full((i1 - i0, j1 - j0), np.nan)
     heights[i[inside] - i0, j[inside] - j0] = z[inside]  # of equal nodes the last one stays
     spacing = float(result.soil_z.attrs["spacing"])
-    axes = {"x": np.arange(i0, i1) * spacing, "y": np.arange(j0, j1) * spacing}
-    coordinates = {name: (name, values, {"units": "m"}) for name, values in axes.items()}
-    attrs = {"units": "m", "long_name": "soil surface", "time": float(result.soil_time[snapshot])}
-    return xr.DataArray(heights, coordinates, ("x", "y"), name="z", attrs=attrs)
+    return Surface((i0 * spacing, j0 * spacing), spacing, heights)

@@ -15,11 +15,11 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-import xarray as xr
 
 from .fmu import SlaveError
 from .master import Master, is_recorded
 from .results import FILE_NAME, Channel, ResultWriter, open_result
+from .results_soil import Surface, read_surface
 from .ssp import System
 
 #: Simulated time between two snapshots of the soil [s]: the rover of Table 8.2 moves 3 cm, one node of a BCM wheel's patch.
@@ -53,7 +53,7 @@ def run(
     record_interval: float | None = None,
     attributes: Mapping[str, object] | None = None,
     package: Path | None = None,
-    soil: Callable[[Master], xr.DataArray | None] | None = None,
+    soil: Callable[[Master], Surface | None] | None = None,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     checkpoint_every: float | None = None,
     resume: Path | None = None,
@@ -69,7 +69,7 @@ def run(
         record_interval: Time between two recorded rows [s], taken as the nearest multiple of the step; by default every step.
         attributes: Stored with the result.
         package: The system's SSP, kept beside the result once nothing refuses the run any more.
-        soil: Tells the surface z(x, y) [m] of the soil in the master's slaves, None if none was touched yet. The result keeps it as of
+        soil: Tells the surface of the soil in the master's slaves, None if none was touched yet. The result keeps it as of
             the start, of every ``SOIL_INTERVAL``, and of the end, whatever ends the run.
         progress: Called now and then with the time reached and the stop time [s].
         checkpoint_every: Simulated time between checkpoints [s].
@@ -235,8 +235,8 @@ def _earlier_result(resume: Path, saved: Mapping[str, np.ndarray]):
         for t, row in zip(earlier["time"].values, earlier["series"].values):
             if t <= until + 1e-9:
                 result.append(t, row)
-        for t in earlier.cdl.soil_times:
+        for snapshot, t in enumerate(earlier.cdl.soil_times):
             if t <= until + 1e-9:
-                result.append_soil(t, earlier.cdl.soil(t))
+                result.append_soil(t, read_surface(earlier, snapshot))
 
     return replay

@@ -4,31 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-import xarray as xr
-
 from .master import Master
+from .results_soil import Surface
 from .ssp import System
 
 
-def soil_of(system: System) -> Callable[[Master], xr.DataArray | None] | None:
-    """What tells the surface z(x, y) [m] of a system's deforming soil from its master, for :func:`orchestrator.run.run`.
+def soil_of(system: System) -> Callable[[Master], Surface | None] | None:
+    """What tells the surface of a system's deforming soil from its master, for :func:`orchestrator.run.run`.
 
     Returns:
         None if no FMU of the system is an SCM. The function returns None while no soil was touched. Of several SCMs, each of which
         has a soil of its own, it is the first one's.
     """
-    name = next((n for n, c in system.components.items() if c.model_description.modelName.startswith("cdl_scm_")), None)
-    if name is None:
+    scm = next((c for c in system.components.values() if c.model_description.modelName.startswith("cdl_scm_")), None)
+    if scm is None:
         return None
-    from cdl_fmu.scm.tiles import heights_of  # its kernels take a second to load; systems without soil do without
+    # These load numba, which takes a second; systems without soil do without.
+    from cdl_fmu.scm.pool import SoilPool, heights
+    from cdl_fmu.slave.state import State
 
-    def surface(master: Master) -> xr.DataArray | None:
-        slave = next(s for s in master.slaves if s.name == name)
-        found = heights_of(slave.to_bytes())
-        if found is None:
-            return None
-        axes = {axis: first + found.spacing * np.arange(n) for axis, first, n in zip("xy", found.origin, found.z.shape)}
-        return xr.DataArray(found.z, axes, ("x", "y"))
+    start = next(v.start for v in scm.model_description.modelVariables if v.name == "cell")
+    cell = float(scm.parameters.get("cell", start))
+
+    def surface(master: Master) -> Surface | None:
+        data = next(s for s in master.slaves if s.name == scm.name).to_bytes()
+        state = State.from_bytes(data[len(scm.model_description.guid) :], SoilPool)  # our FMUs write their GUID first
+        found = heights(state.pool, cell)
+        return found and Surface(found.origin, found.spacing, found.z)
 
     return surface

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -14,6 +13,7 @@ from orchestrator.moment import moment_at
 from orchestrator.pictures import write
 from orchestrator.plane_picture import figure_8_4, fit_plane, plane_under
 from orchestrator.results import Channel, ResultError, ResultWriter, open_result
+from orchestrator.results_soil import Surface
 from orchestrator.scene import Scene, direction, lit
 from orchestrator.wheels import dimensions_of
 
@@ -26,7 +26,8 @@ def rut(x_front):
     """A rut along y = 0 from x = 0.5 m up to the front wheel."""
     x, y = 0.01 * np.arange(32, 240), 0.01 * np.arange(-32, 32)
     inside = (x[:, None] > 0.5) & (x[:, None] < x_front) & (np.abs(y) < 0.08)
-    return xr.DataArray(GROUND - DEPTH * inside, {"x": x, "y": y}, ("x", "y"))
+    z = np.where((x[:, None] > x_front + 0.3) & (y < -0.1), np.nan, GROUND - DEPTH * inside)  # part of it not known yet
+    return Surface((x[0], y[0]), 0.01, z)
 
 
 def drive(path, tiers, stop=16.0, **attributes):

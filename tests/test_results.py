@@ -12,6 +12,7 @@ from scipy.io import loadmat
 from orchestrator.export import to_csv, to_mat
 from orchestrator.results import BLOCK, Channel, ResultError, ResultWriter, open_result
 from orchestrator.results_diff import diff_results
+from orchestrator.results_soil import Surface
 
 CHANNELS = [
     Channel("front.f_0[3]", "N", "Contact force on the wheel"),
@@ -106,12 +107,11 @@ def test_a_killed_run_leaves_all_blocks_written_so_far(tmp_path):
 KILLED_ON_SOIL = """
 import os, sys
 import numpy as np
-import xarray as xr
 from orchestrator.results import Channel, ResultWriter
+from orchestrator.results_soil import Surface
 writer = ResultWriter(sys.argv[1], [Channel("x", "N", "")], {})
 for k in range(3):
-    axes = {"x": 0.01 * np.arange(50), "y": 0.01 * np.arange(40)}
-    writer.append_soil(float(k), xr.DataArray(np.full((50, 40), float(k)), axes, ("x", "y")))
+    writer.append_soil(float(k), Surface((0.0, 0.0), 0.01, np.full((50, 40), float(k))))
 os._exit(9)
 """
 
@@ -137,8 +137,7 @@ SPACING = 0.01
 
 def surface(i0, j0, z):
     """Heights on nodes from (i0, j0) on."""
-    x, y = (SPACING * np.arange(first, first + n) for first, n in zip((i0, j0), z.shape))
-    return xr.DataArray(z, {"x": x, "y": y}, ("x", "y"))
+    return Surface((SPACING * i0, SPACING * j0), SPACING, z)
 
 
 def rut(n):
@@ -146,7 +145,9 @@ def rut(n):
     surfaces = []
     for k in range(n):
         x, y = np.meshgrid(np.arange(-16 - 4 * k, 32 + 16 * k), np.arange(-16 - 2 * k, 16 + 3 * k), indexing="ij")
-        surfaces.append(surface(x[0, 0], y[0, 0], np.where((x < 16 * k) & (np.abs(y) < 6), -0.02 - 1e-4 * x, 1e-3 * np.sin(0.3 * x))))
+        z = np.where((x < 16 * k) & (np.abs(y) < 6), -0.02 - 1e-4 * x, 1e-3 * np.sin(0.3 * x))
+        z[x > 40 + 4 * k] = np.nan  # not known yet
+        surfaces.append(surface(x[0, 0], y[0, 0], z))
     return {0.25 * k: z for k, z in enumerate(surfaces)}
 
 
@@ -165,11 +166,12 @@ class TestSoil:
 
     def test_every_snapshot_reads_back_as_a_map_in_world_coordinates(self, result):
         assert result.cdl.soil_times.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
-        for t, z in rut(5).items():
+        for t, (origin, spacing, z) in rut(5).items():
             read = result.cdl.soil(t)
             assert read.dims == ("x", "y")
-            assert np.allclose(read.x, z.x, atol=1e-12) and np.allclose(read.y, z.y, atol=1e-12)
-            assert np.abs(read.values - z.values).max() < 1e-8
+            assert read.x.values == pytest.approx(origin[0] + spacing * np.arange(z.shape[0]), abs=1e-12)
+            assert read.y.values == pytest.approx(origin[1] + spacing * np.arange(z.shape[1]), abs=1e-12)
+            assert read.values == pytest.approx(z, abs=1e-8, nan_ok=True)
             assert read.attrs == {"units": "m", "long_name": "soil surface", "time": t}
 
     def test_between_two_snapshots_the_earlier_one_holds(self, result):
@@ -178,16 +180,17 @@ class TestSoil:
         assert result.cdl.soil(0.25 * (1 - 1e-12)).attrs["time"] == 0.25  # a time is a sum of steps
 
     def test_a_map_that_moves_on_and_comes_back_has_its_latest_heights(self, tmp_path):
-        here, there = surface(0, 0, np.full((4, 4), 1.0)), surface(100, 0, np.full((4, 4), 2.0))
-        result = self.write(tmp_path / "r.nc", {0.0: here, 1.0: there, 2.0: here + 0.5})
+        places = {0.0: (0, 1.0), 1.0: (100, 2.0), 2.0: (0, 1.5)}
+        result = self.write(tmp_path / "r.nc", {t: surface(i, 0, np.full((4, 4), z)) for t, (i, z) in places.items()})
         assert (result.cdl.soil(0.0) == 1.0).all() and (result.cdl.soil(1.0) == 2.0).all() and (result.cdl.soil(2.0) == 1.5).all()
 
     def test_only_what_changed_takes_space(self, tmp_path):
-        flat = surface(0, 0, np.zeros((300, 100)))
+        flat = np.zeros((300, 100))
+        flat[:, 50:] = np.nan
         dented = flat.copy()
         dented[7, 9] = -0.01
-        result = self.write(tmp_path / "r.nc", {0.0: flat, 0.25: flat, 0.5: dented})
-        assert result.sizes["node"] == flat.size + 1
+        result = self.write(tmp_path / "r.nc", {t: surface(0, 0, z) for t, z in ((0.0, flat), (0.25, flat), (0.5, dented))})
+        assert result.sizes["node"] == 300 * 50 + 1
         assert result.cdl.soil(0.5)[7, 9] == pytest.approx(-0.01)
 
     def test_a_time_that_has_a_snapshot_keeps_it(self, tmp_path):

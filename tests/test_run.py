@@ -6,12 +6,12 @@ import threading
 
 import numpy as np
 import pytest
-import xarray as xr
 from systems import rover_on
 
 from cdl_fmu import BCM
 from orchestrator.fmu import SlaveError
 from orchestrator.results import open_result
+from orchestrator.results_soil import Surface
 from orchestrator.run import RunError, run
 
 
@@ -91,7 +91,7 @@ def test_runs_work_beside_the_main_thread(system, tmp_path):
 def falling_soil(master):
     """Stands for what reads a slave's soil: a plate at the height of the rover's body."""
     z = master.outputs[master.output_index["rover", "body.r_0[3]"]]
-    return xr.DataArray(np.full((3, 2), z), {"x": [0.0, 0.1, 0.2], "y": [0.0, 0.1]}, ("x", "y"))
+    return Surface((0.1, -0.3), 0.1, np.full((3, 2), z))
 
 
 def bodies_height(outcome):
