@@ -97,13 +97,11 @@ class ResultWriter:
             self.flush()
 
     def append_soil(self, time: float, surface: Surface) -> None:
-        """Record the soil's surface at a time [s]; it is on disk before this returns.
+        """Record the soil's surface at a time [s]; the spacing is the same every time.
 
-        The spacing is the same every time. A time that is not later than the last snapshot's keeps that one.
+        A time that is not later than the last snapshot's keeps that one.
         """
         self._soil.append(time, surface)
-        self._file.flush()
-        self._hdf5.flush()
 
     def flush(self) -> None:
         """Write out what is pending."""
@@ -113,6 +111,7 @@ class ResultWriter:
             self._file["time"][first:last] = self._times[: self._pending]
             self._file["series"][first:last] = self._rows[: self._pending]
             self._written, self._pending = last, 0
+        self._soil.flush()
         self._file.flush()
         self._hdf5.flush()
 

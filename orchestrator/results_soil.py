@@ -15,6 +15,8 @@ import xarray as xr
 
 _CHUNK = 8192  # nodes: what a wheel of Table 8.2 changes in some ten snapshots
 _CORNERS = ("i0", "i1", "j0", "j1")
+_OF_NODES = ("soil_i", "soil_j", "soil_z")
+_OF_SNAPSHOTS = ("soil_time", "soil_end", "soil_rectangle")
 
 
 class Surface(NamedTuple):
@@ -32,34 +34,50 @@ class Surface(NamedTuple):
 
 
 class SoilWriter:
-    """Adds snapshots to a result file; the first one lays out their variables."""
+    """Adds snapshots to a result file; the first ones lay out their variables."""
 
     def __init__(self, file: h5netcdf.File):
         self._file = file
         self._snapshots = self._nodes = 0
+        self._pending: dict[str, list] = {name: [] for name in (*_OF_NODES, *_OF_SNAPSHOTS)}
         self._time = -np.inf
+        self._spacing = 0.0
         self._heights = np.empty((0, 0), np.float32)
         self._first = (0, 0)  # node of _heights[0, 0]
 
     def append(self, time: float, surface: Surface) -> None:
-        """Store the surface at a time [s]. Its spacing is the same in every snapshot; once known, a node stays so.
+        """Take the surface at a time [s], to be stored by ``flush``.
 
-        A time that is not later than the last snapshot's keeps that one.
+        Its spacing is the same in every snapshot, and a node once known stays so. A time that is not later than the last snapshot's keeps that one.
         """
         if time <= self._time:
             return
         self._time = time
-        if self._snapshots == 0:
-            self._layout(surface.spacing)
+        self._spacing = surface.spacing
         first = tuple(round(start / surface.spacing) for start in surface.origin)
         heights = surface.z.astype(np.float32)
         i, j = np.nonzero(self._changed(first, heights))
-        self._extend("node", self._nodes, soil_i=i + first[0], soil_j=j + first[1], soil_z=heights[i, j])
         self._nodes += i.size
         rectangle = [first[0], first[0] + heights.shape[0], first[1], first[1] + heights.shape[1]]
-        self._extend("snapshot", self._snapshots, soil_time=[time], soil_end=[self._nodes], soil_rectangle=[rectangle])
-        self._snapshots += 1
+        taken = (i + first[0], j + first[1], heights[i, j], [time], [self._nodes], [rectangle])
+        for values, column in zip(self._pending.values(), taken):
+            values.append(column)
         self._heights, self._first = heights, first
+
+    def flush(self) -> None:
+        """Store what is pending."""
+        if not self._pending["soil_time"]:
+            return
+        if self._snapshots == 0:
+            self._layout()
+        for dimension, names in (("node", _OF_NODES), ("snapshot", _OF_SNAPSHOTS)):
+            columns = {name: np.concatenate(self._pending[name]) for name in names}
+            last = self._nodes if dimension == "node" else self._snapshots + len(columns["soil_time"])
+            self._file.resize_dimension(dimension, last)
+            for name, values in columns.items():
+                self._file[name][last - len(values) : last] = values
+                self._pending[name].clear()
+        self._snapshots = last
 
     def _changed(self, first: tuple[int, int], heights: np.ndarray) -> np.ndarray:
         """Where ``heights`` are known and not those of the last snapshot, or lie outside it."""
@@ -71,7 +89,7 @@ class SoilWriter:
             changed[here] = heights[here] != self._heights[there]
         return changed & ~np.isnan(heights)
 
-    def _layout(self, spacing: float) -> None:
+    def _layout(self) -> None:
         file = self._file
         file.dimensions.update({"snapshot": None, "node": None, "corner": len(_CORNERS)})
         file.create_variable("corner", ("corner",), "S2", data=np.array(_CORNERS, "S2"))
@@ -83,13 +101,7 @@ class SoilWriter:
             file.create_variable(name, ("node",), "i4", chunks=(_CHUNK,))
         z = file.create_variable("soil_z", ("node",), "f4", chunks=(_CHUNK,))
         z.attrs["units"] = "m"
-        z.attrs["spacing"] = spacing
-
-    def _extend(self, dimension: str, first: int, **columns) -> None:
-        last = first + len(next(iter(columns.values())))
-        self._file.resize_dimension(dimension, last)
-        for name, values in columns.items():
-            self._file[name][first:last] = values
+        z.attrs["spacing"] = self._spacing
 
 
 def read_surface(result: xr.Dataset, snapshot: int) -> Surface:

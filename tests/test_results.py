@@ -107,11 +107,13 @@ def test_a_killed_run_leaves_all_blocks_written_so_far(tmp_path):
 KILLED_ON_SOIL = """
 import os, sys
 import numpy as np
-from orchestrator.results import Channel, ResultWriter
+from orchestrator.results import BLOCK, Channel, ResultWriter
 from orchestrator.results_soil import Surface
 writer = ResultWriter(sys.argv[1], [Channel("x", "N", "")], {})
-for k in range(3):
-    writer.append_soil(float(k), Surface((0.0, 0.0), 0.01, np.full((50, 40), float(k))))
+for k in range(3 * BLOCK + 400):
+    writer.append(k * 1e-3, np.zeros(1))
+    if k % 500 == 0:
+        writer.append_soil(k * 1e-3, Surface((0.0, 0.0), 0.01, np.full((50, 40), k * 1e-3)))
 os._exit(9)
 """
 
@@ -158,6 +160,8 @@ class TestSoil:
             for t, z in surfaces.items():
                 writer.append(t, np.zeros(3))
                 writer.append_soil(t, z)
+                if t % 0.5:
+                    writer.flush()
         return open_result(path)
 
     @pytest.fixture
@@ -200,12 +204,12 @@ class TestSoil:
         result = open_result(tmp_path / "r.nc")
         assert result.cdl.soil_times.tolist() == [0.0] and (result.cdl.soil(0.0) == 0.0).all()
 
-    def test_a_killed_run_leaves_all_snapshots(self, tmp_path):
+    def test_a_killed_run_leaves_the_snapshots_of_all_blocks_written_so_far(self, tmp_path):
         process = subprocess.run([sys.executable, "-c", KILLED_ON_SOIL, str(tmp_path / "killed.nc")])
         assert process.returncode == 9
         result = open_result(tmp_path / "killed.nc")
-        assert result.cdl.soil_times.tolist() == [0.0, 1.0, 2.0]
-        assert np.array_equal(result.cdl.soil(2.0), np.full((50, 40), 2.0))
+        assert result.cdl.soil_times.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]
+        assert np.array_equal(result.cdl.soil(2.5), np.full((50, 40), 2.5))
 
     def test_results_without_soil_and_times_before_the_first_map_say_so(self, result, tmp_path):
         flat = write(tmp_path / "flat.nc", n=3)
