@@ -48,7 +48,8 @@ class SoilWriter:
     def append(self, time: float, surface: Surface) -> None:
         """Take the surface at a time [s], to be stored by ``flush``.
 
-        Its spacing is the same in every snapshot, and a node once known stays so. A time that is not later than the last snapshot's keeps that one.
+        Its spacing is the same in every snapshot, and a node once known stays so. A time that is not later than the last snapshot's
+        keeps that one.
         """
         if time <= self._time:
             return
