@@ -74,7 +74,7 @@ def slide(p, rows, marks, head, ground, frame, stamp, k, around, moved):
                     moved[i, j + 1] += flow
 
 
-@kernel
+@kernel(inline=True)
 def _flow(p, n, t, tan_repose):
     """Height [m] that flows across a face with the differences of height n across and t along it [m per cell]."""
     flow = _SHARE * n * (1.0 - tan_repose * p.cell / math.sqrt(n * n + t * t))

@@ -74,7 +74,7 @@ def transport(sums, cells, stamp, rows, marks, grid, corner):
         _arrive(abs(y), stamp, rows, grid, corner, i, j + (1 if y > 0.0 else -1))
 
 
-@kernel
+@kernel(inline=True)
 def _arrive(height, stamp, rows, grid, corner, i, j):
     row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
     if rows[row, STAMP, a, b] == stamp:  # below the tool what flows in replaces what flows out
@@ -122,7 +122,7 @@ def _spread(p, height, x, y, d_x, d_y, width, widest, rows, grid, corner):
         _put(part, x + k * p.cell * d_x, y + k * p.cell * d_y, p.cell, rows, grid, corner)
 
 
-@kernel
+@kernel(inline=True)
 def _put(height, x, y, cell, rows, grid, corner):
     """Put down a height [m] on one cell's area around (x, y), shared among the four nearest cells."""
     i, j = math.floor(x / cell), math.floor(y / cell)

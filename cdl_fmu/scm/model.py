@@ -16,9 +16,27 @@ from .erosion import settle, slide
 from .flow import heave, press, transport
 from .heights import fill_patch, height_at
 from .pool import SoilPool
-from .stress import pressure_modulus
+from .stress import pressure_modulus, tabulate
 from .tiles import SLIDING, base_height, let_slide, look_up, nearest, tile_of, touch
-from .wheel import ALONG_MAX, ALONG_MIN, CELLS, D_Z, DEEPEST, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z, clear, wheel_contact
+from .wheel import (
+    ALONG_MAX,
+    ALONG_MIN,
+    CELLS,
+    D_Z,
+    DEEPEST,
+    F_X,
+    F_Y,
+    F_Z,
+    K_X,
+    K_Y,
+    K_Z,
+    T_X,
+    T_Y,
+    T_Z,
+    clear,
+    deepest_of_table,
+    wheel_contact,
+)
 
 _OUTSIDE, _THROUGH, _FULL, _PATCH_OUTSIDE = 5, 6, 7, 8
 _NEAR = 0.03  # [m] above the ground from which on a wheel's tiles are made ready
@@ -83,6 +101,7 @@ class SCM(KernelModel):
             stamp=Real(0.0, "1", "Number of the step"),
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
             compacted=Real(0.0, "m", "Volume compacted so far, as height on one cell"),
+            powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
             wheel=Array(
                 n_wheels,
                 Record(
@@ -117,6 +136,7 @@ def _initialise(t, p, x, y, rows, marks, head, ground, frame, grid, corner, cell
     x.stamp = 0.0
     x.sweep_time = 0.0
     x.compacted = 0.0
+    tabulate(p.n, deepest_of_table(p), x.powers)
     for i in range(len(x.wheel)):
         x.wheel[i].silent = 0.0
         x.wheel[i].side = 0.0
@@ -162,7 +182,7 @@ def _step(t, h, p, u, x, y, rows, marks, head, ground, frame, grid, corner, cell
     for i in range(len(u.wheel)):
         if sums[i, CELLS] >= 0.0:
             x.wheel[i].side = wheel_contact(
-                p, u.wheel[i], x.wheel[i].side, modulus, h, x.stamp, rows, grid[i], corner[i], cells[i], sums[i]
+                p, u.wheel[i], x.wheel[i].side, x.powers, modulus, h, x.stamp, rows, grid[i], corner[i], cells[i], sums[i]
             )
         else:
             x.wheel[i].side = 0.0

@@ -13,7 +13,7 @@ _FORCE_QUANTUM = 2.0**-30  # [N], [N.m]
 _ROUND = 1.5 * 2.0**52 * _FORCE_QUANTUM
 
 
-@kernel
+@kernel(inline=True)
 def whole(force):
     """Nearest multiple of 1e-9 N (N.m): sums of such are exact up to 4e6 N, so the order of the summands does not matter."""
     return (force + _ROUND) - _ROUND
@@ -27,7 +27,7 @@ def pressure_modulus(p, b):
     return bekker_modulus(p.k_c, p.k_phi, b)  # Eq. (8.5)
 
 
-@kernel
+@kernel(inline=True)
 def bearing_depth(p, depth, fill):
     """Depth [m] that counts for the bearing pressure: a mound above the original level carries little of what as much depth would.
 
@@ -37,17 +37,32 @@ def bearing_depth(p, depth, fill):
 
 
 @kernel
-def plastic_pressure(p, modulus, bearing, near, pressure_near):
-    """k bearing^n [Pa], from its value at a depth nearby [m]: a power costs ten times more than its series."""
-    x = bearing - near
-    if abs(x) > 0.25 * near:
-        return modulus * bearing**p.n
-    x, n = x / near, p.n
-    # Binomial series; its next term is below 1e-4 of the pressure for n up to 3.
-    return pressure_near * (1.0 + n * x * (1.0 + 0.5 * (n - 1.0) * x * (1.0 + (n - 2.0) / 3.0 * x * (1.0 + 0.25 * (n - 3.0) * x))))
+def tabulate(n, deepest, table):
+    """Fill ``table`` [2, nodes] with depth^n and its difference per node by slope, at depths from 0 to ``deepest`` [m].
+
+    A power costs twenty times its cubic interpolation, whose error is below 1e-5 from five nodes on.
+    """
+    spacing = deepest / (table.shape[1] - 1)
+    for k in range(table.shape[1]):
+        depth = k * spacing
+        table[0, k] = depth**n if depth > 0.0 else 0.0
+        table[1, k] = n * depth ** (n - 1.0) * spacing if depth > 0.0 else 0.0
 
 
-@kernel
+@kernel(inline=True)
+def power(table, per_spacing, n, depth):
+    """depth^n by cubic Hermite interpolation; depth > 0 [m]."""
+    s = depth * per_spacing
+    k = int(s)
+    if k >= table.shape[1] - 1:
+        return depth**n
+    s -= k
+    a, b, d_a, d_b = table[0, k], table[0, k + 1], table[1, k], table[1, k + 1]
+    c = b - a
+    return a + s * (d_a + s * (3.0 * c - 2.0 * d_a - d_b + s * (d_a + d_b - 2.0 * c)))
+
+
+@kernel(inline=True)
 def pressure(p, elastic, bearing, plastic):
     """Elastic-plastic pressure [Pa] and its slope [Pa/m] of soil pressed ``elastic`` > 0 [m] below its floor, at a bearing depth [m].
 
@@ -57,7 +72,7 @@ def pressure(p, elastic, bearing, plastic):
     return (trial, p.k_e) if trial < plastic else (plastic, p.n * plastic / bearing)
 
 
-@kernel
+@kernel(inline=True)
 def mobilised(p, j_x, j_y, v_x, v_y):
     """Shear displacement vector [m] that counts, mobilised share of the strength, and that share per displacement [1/m].
 
@@ -72,7 +87,7 @@ def mobilised(p, j_x, j_y, v_x, v_y):
     return x, y, share, share / length
 
 
-@kernel
+@kernel(inline=True)
 def remembered(p, j_x, j_y):
     """Shear displacement vector [m], shortened to what the soil remembers."""
     length = math.sqrt(j_x * j_x + j_y * j_y)

@@ -37,18 +37,18 @@ QUANTUM = 2.0**-40  # [m]
 _ROUND = 1.5 * 2.0**52 * QUANTUM
 
 
-@kernel
+@kernel(inline=True)
 def quantised(height):
     """Nearest multiple of QUANTUM [m]; sums of such are exact up to 4096 m."""
     return (height + _ROUND) - _ROUND
 
 
-@kernel
+@kernel(inline=True)
 def _chain(ti, tj):
     return _HASH + ((ti * 73856093) ^ (tj * 19349663)) % _CHAINS
 
 
-@kernel
+@kernel(inline=True)
 def find(marks, head, ti, tj):
     """Row of tile (ti, tj), or -1."""
     row = head[_chain(ti, tj)] - 1
@@ -125,7 +125,7 @@ def let_slide(p, rows, marks, head, ground, frame, i0, i1, j0, j1):
     return done
 
 
-@kernel
+@kernel(inline=True)
 def tile_of(i):
     """Tile index of a cell index."""
     return i >> _SHIFT
@@ -140,26 +140,26 @@ def look_up(marks, head, grid, corner, i0, i1, j0, j1):
             grid[a, b] = find(marks, head, corner[0] + a, corner[1] + b)
 
 
-@kernel
+@kernel(inline=True)
 def row_of(grid, corner, i, j):
     """Row of the tile that holds cell (i, j), from a ``look_up``."""
     return grid[(i >> _SHIFT) - corner[0], (j >> _SHIFT) - corner[1]]
 
 
-@kernel
+@kernel(inline=True)
 def surface_height(rows, row, i, j):
     """Height [m] of cell (i, j) of the grid in its tile's row."""
     a, b = i & _MASK, j & _MASK
     return rows[row, BASE, a, b] + (rows[row, FILL, a, b] - rows[row, SINKAGE, a, b])
 
 
-@kernel
+@kernel(inline=True)
 def floor_depth(rows, row, a, b):
     """Plastic sinkage [m] of the pressed part of cell (a, b) of a tile."""
     return rows[row, SINKAGE, a, b] * rows[row, RATIO, a, b]
 
 
-@kernel
+@kernel(inline=True)
 def add_soil(rows, row, a, b, height):
     """Put down (> 0) or take away (< 0) soil [m], a multiple of QUANTUM, at cell (a, b) of a tile.
 
@@ -173,13 +173,13 @@ def add_soil(rows, row, a, b, height):
     rows[row, FILL, a, b] += height
 
 
-@kernel
+@kernel(inline=True)
 def in_tile(i):
     """Index of a cell within its tile."""
     return i & _MASK
 
 
-@kernel
+@kernel(inline=True)
 def nearest(x, cell):
     """Index of the node nearest to x [m]."""
     return math.floor(x / cell + 0.5)

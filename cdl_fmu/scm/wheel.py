@@ -15,7 +15,7 @@ import math
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
-from .stress import bearing_depth, mobilised, plastic_pressure, pressure, remembered, whole
+from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
 from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
 
 #: Columns of a tool's list of pressed cells.
@@ -38,7 +38,7 @@ def clear(sums):
     sums[ALONG_MIN], sums[ALONG_MAX] = 1e9, -1e9
 
 
-@kernel
+@kernel(inline=True)
 def add_force(sums, x, y, z, f_x, f_y, f_z):
     """Add a force [N] at a point [m] relative to the tool's centre, both in its level axes."""
     sums[F_X] += whole(f_x)
@@ -49,7 +49,7 @@ def add_force(sums, x, y, z, f_x, f_y, f_z):
     sums[T_Z] += whole(x * f_y - y * f_x)
 
 
-@kernel
+@kernel(inline=True)
 def limited_slope(low, middle, high, cell):
     """Slope [1] of a field between three cells: the mean where it is smooth, 0 at its edges (van Leer's monotonised central limiter)."""
     a, b = middle - low, high - middle
@@ -58,7 +58,7 @@ def limited_slope(low, middle, high, cell):
     return math.copysign(min(0.5 * abs(a + b), 2.0 * abs(a), 2.0 * abs(b)), a) / cell
 
 
-@kernel
+@kernel(inline=True)
 def floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y):
     """Slope [1] of the pressed floor along the direction h around cell (i, j)."""
     x = limited_slope(_pressed(rows, grid, corner, i - 1, j), floor, _pressed(rows, grid, corner, i + 1, j), p.cell)
@@ -66,18 +66,25 @@ def floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y):
     return x * h_x + y * h_y
 
 
-@kernel
+@kernel(inline=True)
 def _pressed(rows, grid, corner, i, j):
     return floor_depth(rows, row_of(grid, corner, i, j), in_tile(i), in_tile(j))
 
 
 @kernel
-def wheel_contact(p, wheel, side, modulus, h, stamp, rows, grid, corner, cells, sums):
+def deepest_of_table(p):
+    """Depth [m] up to which powers are tabulated: more than a wheel's radius."""
+    return 2.0 * p.r_w
+
+
+@kernel
+def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, cells, sums):
     """Stresses on a wheel with soil under it.
 
     Args:
         wheel: Its input record.
         side: Displacement of its sides against the soil beside them [m], to the left; updated value is returned.
+        table: Powers of the depth, see ``tabulate``.
         modulus: k of the pressure law [N/m^(n+2)].
         h: Length of the step [s].
         stamp: Number of the step.
@@ -100,6 +107,7 @@ def wheel_contact(p, wheel, side, modulus, h, stamp, rows, grid, corner, cells, 
     reach = shear_radius(p, N_phi) / r  # the shear surface's radius over the rim's
     damping = max(0.0, 1.0 - p.c_d * v_z)  # Hunt & Crossley 1975, as in BCM
     points, step = cell * cell / _POINTS, cell / _POINTS
+    n_exp, per_k_e, per_level, per_spacing = p.n, 1.0 / p.k_e, 1.0 / level, (table.shape[1] - 1.0) / deepest_of_table(p)
 
     span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
     span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
@@ -111,24 +119,23 @@ def wheel_contact(p, wheel, side, modulus, h, stamp, rows, grid, corner, cells, 
             low = max(abs(along) - 0.5 * cell, 0.0)
             if low >= _STEEPEST * r:
                 continue
-            down = -math.sqrt(r * r - low * low)
-            xi = (across + down * tilt) / level
-            cover = min((half - abs(xi)) * level / cell + 0.5, 1.0)
-            if cover <= 0.0:
-                continue
             row = row_of(grid, corner, i, j)
             a, b = in_tile(i), in_tile(j)
             fill = rows[row, FILL, a, b]
             surface = rows[row, BASE, a, b] + fill - r_0[2]
-            if surface <= (down + across * tilt) / level:
+            # The rim rises by at least low^2 / (2 r): most cells are ruled out without a root.
+            if surface <= (low * low / (2.0 * r) - r - abs(across * tilt)) * per_level:
+                continue
+            down = -math.sqrt(r * r - low * low)
+            xi = (across + down * tilt) * per_level
+            cover = min((half - abs(xi)) * level / cell + 0.5, 1.0)
+            if cover <= 0.0:
                 continue
             floor = floor_depth(rows, row, a, b)
             slope = floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y)
             if cover < 1.0:  # the middle of the covered part
                 across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
             depth_middle = surface - (across * tilt - math.sqrt(max(r * r - along * along, 0.0))) / level
-            middle = bearing_depth(p, max(depth_middle, 0.0), fill)
-            plastic_middle = modulus * middle**p.n
             total = moment = floors = stiffness = f_x = t_y = 0.0
             for k in range(_POINTS):
                 offset = (k + 0.5) * step - 0.5 * cell
@@ -137,14 +144,14 @@ def wheel_contact(p, wheel, side, modulus, h, stamp, rows, grid, corner, cells, 
                 after = before
                 if abs(x) < _STEEPEST * r:
                     root = math.sqrt(r * r - x * x)
-                    z = (across * tilt - root) / level
+                    z = (across * tilt - root) * per_level
                     depth = surface - z
                     if depth > before:
                         bearing = bearing_depth(p, depth, fill)
-                        sigma, rise = pressure(p, depth - before, bearing, plastic_pressure(p, modulus, bearing, middle, plastic_middle))
-                        after = max(before, depth - sigma / p.k_e)
+                        sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, n_exp, bearing))
+                        after = max(before, depth - sigma * per_k_e)
                         # Pressure of the side below a tilted rim cancels its push across, as in BCM: no force across.
-                        push = -sigma * x / (root * level)
+                        push = -sigma * x / root * per_level
                         f_x += push
                         t_y += z * push - x * sigma
                         total += sigma

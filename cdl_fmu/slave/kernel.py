@@ -55,11 +55,16 @@ def sources_hash() -> str:
     return digest.hexdigest()
 
 
-def kernel(function):
-    """Compile a function as a kernel: plain numba, no Python objects, no allocation (see CONTRIBUTING.md for the rules)."""
+def kernel(function=None, *, inline: bool = False):
+    """Compile a function as a kernel: plain numba, no Python objects, no allocation (see CONTRIBUTING.md for the rules).
+
+    ``inline`` puts the code into every caller: for small functions of arrays, whose arguments cost more than their work.
+    """
+    if function is None:
+        return lambda function: kernel(function, inline=inline)
     saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder("kernels", sources_hash()[:16]))
     try:
-        return numba.njit(cache=True, **OPTIONS)(function)
+        return numba.njit(cache=True, forceinline=inline, **OPTIONS)(function)
     finally:
         numba.config.CACHE_DIR = saved
 
