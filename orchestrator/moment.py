@@ -69,7 +69,7 @@ class Moment:
 def moment_at(result: xr.Dataset, x_rear: float) -> Moment:
     """The time at which the rear wheel's centre is nearest to ``x_rear`` [m]; of those that have a soil map, if the run has any.
 
-    ``x_rear`` = -inf is the start, inf the end.
+    ``x_rear`` = inf is the end.
 
     Raises:
         ResultError: the result lacks the wheels front and rear, their poses or their dimensions.
@@ -82,7 +82,15 @@ def moment_at(result: xr.Dataset, x_rear: float) -> Moment:
     if not rows.size:
         rows = np.arange(times.size)
     x = wheels["rear"].centre("x")[rows]
-    row = int(rows[np.abs(x - np.clip(x_rear, x.min(), x.max())).argmin()])
+    return moment_in_row(result, int(rows[np.abs(x - np.clip(x_rear, x.min(), x.max())).argmin()]))
+
+
+def moment_in_row(result: xr.Dataset, row: int) -> Moment:
+    """The time of a row of the result.
+
+    Raises:
+        ResultError: the result lacks its wheels' poses or their dimensions.
+    """
     dimensions = json.loads(result.attrs.get("dimensions", "{}"))
     missing = {"r_w", "b_w", "n_g", "h_g", "mass_height"} - set(dimensions)
     if missing:
@@ -91,8 +99,8 @@ def moment_at(result: xr.Dataset, x_rear: float) -> Moment:
     up = np.array([np.sin(pitch) * np.cos(yaw), np.sin(pitch) * np.sin(yaw), np.cos(pitch)])
     return Moment(
         result,
-        float(times[row]),
-        {name: _pose(wheel, row) for name, wheel in wheels.items()},
+        float(result.time[row]),
+        {wheel.name: _pose(wheel, row) for wheel in wheels_of(result)},
         _values(result, "rover.body.r_0[{}]", "123", row) + dimensions["mass_height"] * up,
         dimensions,
         float(result.attrs.get("ground_z", 0.0)),

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d import Axes3D
 
-from .moment import Moment, moment_at
+from .moment import Moment, moment_at, moment_in_row
 from .plane_picture import PLANE_COLOUR, figure_8_4, plane_under
 from .report import SECTIONS, figure_8_12, wheels_of
 from .results import ResultError
@@ -135,7 +135,7 @@ def _top_view(moment: Moment, heights: Normalize) -> Figure:
     ax.imshow(soil, origin="lower", extent=(left - half, right + half, low - half, high + half), interpolation="nearest")
     for name, (colour, style) in _TRACES.items():
         ax.plot(*paths[name], color=colour, ls=style, lw=1.5, path_effects=_HALO)
-    _wheels_from_above(ax, moment_at(moment.result, -np.inf), **_START)
+    _wheels_from_above(ax, moment_in_row(moment.result, 0), **_START)
     _wheels_from_above(ax, moment, color="black")
     ends = np.array([wheel.r_0[:2] for wheel in moment.wheels.values()])
     ax.plot(*ends.T, color="black", lw=1.2, path_effects=_HALO)
