@@ -11,7 +11,7 @@ from cdl_fmu.slave.build import cached_fmu
 from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Choice
 
-from .settle import settle
+from .settle import Wires, settle
 from .ssp import Connection, write_system
 
 #: Wheels of the rover, in the order of its ports.
@@ -34,7 +34,7 @@ class Assembly:
         write_system(
             path,
             self.name,
-            {name: cached_fmu(i.model, starts[name]) for name, i in self.instances.items()},
+            {name: cached_fmu(i.model, starts[name], _given_files(i)) for name, i in self.instances.items()},
             self.connections,
             parameters={name: _parameters(i, starts[name]) for name, i in self.instances.items()},
             stop_time=self.stop_time,
@@ -53,23 +53,27 @@ def assemble(experiment) -> Assembly:
     instances = experiment.instances()
     rover, driver = instances["rover"], instances["driver"]
     connections = _connect("rover", rover, "driver", driver) + _connect("driver", driver, "rover", rover)
-    contacts = []
-    for tier in dict.fromkeys(experiment.tiers.values()):
-        name = tier.lower()
-        wheels = [i for i, wheel in enumerate(WHEELS) if experiment.tiers[wheel] == tier]
-        contacts.append((instances[name], wheels))
-        ports = {j + 1: i + 1 for i, j in enumerate(wheels)}
-        connections += _connect("rover", rover, name, instances[name], ports)
-        connections += _connect(name, instances[name], "rover", rover, {i: j for j, i in ports.items()})
-    _start(rover, contacts, experiment.start_is_given)
+    contacts = {}
+    for name, instance in instances.items():
+        wheels = [i for i, wheel in enumerate(WHEELS) if experiment.tiers[wheel].lower() == name]
+        if not wheels:
+            continue
+        others = [i for i in range(len(WHEELS)) if i not in wheels]
+        own = {f"{port}[{j + 1}]": f"{port}[{i + 1}]" for i, j in enumerate(wheels) for port in ("wheel", "contact")}
+        trailing = {f"wheel[{j + 1}]": f"trailing[{k + 1}]" for k, j in enumerate(others)}
+        connections += _connect("rover", rover, name, instance, own | trailing)
+        connections += _connect(name, instance, "rover", rover, {there: here for here, there in own.items()})
+        for before, (other, _) in contacts.items():
+            connections += _connect(before, other, name, instance)
+        contacts[name] = instance, wheels
+    _start(rover, contacts, Wires(instances, connections), experiment.start_is_given)
     settings = experiment.settings
     return Assembly(experiment.name, instances, connections, settings.stop_time, settings.step)
 
 
-def _start(rover: Instance, contacts: list[tuple[Instance, list[int]]], is_given: bool) -> None:
-    """Set the rover's start pose to rest on the ground, unless the user gives one, and the contacts' start poses to match."""
-    p = contacts[0][0].p
-    r_w, ground = float(p.r_w), float(p.ground_z)
+def _start(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], wires: Wires, is_given: bool) -> None:
+    """Set the rover's start pose to rest on the ground, unless the user gives one, and the contacts' start inputs to match."""
+    r_w, h_g, ground = _ground(contacts)
     if is_given:
         rover.initialise()
         for name, z in zip(WHEELS, rover.y["wheel"]["r_0"][:, 2]):
@@ -80,28 +84,44 @@ def _start(rover: Instance, contacts: list[tuple[Instance, list[int]]], is_given
             if z > ground + 2 * r_w:
                 raise ModelError(f"{where} above the surface, its rim more than the wheel's radius above it: {remedy}")
     else:
-        rover.set_starts({"start.z": ground + r_w + float(p.h_g)})
-        rover.set_starts(settle(rover, contacts))
+        rover.set_starts({"start.z": ground + r_w + h_g})
+        rover.set_starts(settle(rover, contacts, wires))
         rover.initialise()
-    for contact, wheels in contacts:
-        for part in ("r_0", "T"):
-            contact.u["wheel"][part] = rover.y["wheel"][part][wheels]
-        contact.u["wheel"]["v_0"] = contact.u["wheel"]["w_0"] = 0.0
+    for name, (contact, _) in contacts.items():
+        wires.feed(name)
+        contact.initialise()
 
 
-def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[int, int] | None = None) -> list[Connection]:
-    """Connect outputs of a to the inputs of b that have the same name, ports renumbered where a port number's map is given."""
+def _ground(contacts: Mapping[str, tuple[Instance, list[int]]]) -> tuple[float, float, float]:
+    """Radius and grouser height of the wheels, and height of the undisturbed ground [m]."""
+    (first, p), *rest = ((name, contact.p) for name, (contact, _) in contacts.items())
+    for name, other in rest:
+        if other.ground_z != p.ground_z:
+            both = f"{name}.ground_z = {other.ground_z:g} m, but {first}.ground_z = {p.ground_z:g} m"
+            raise ModelError(f"{both}: the wheels stand on one ground; set both alike")
+    return float(p.r_w), float(p.h_g), float(p.ground_z)
+
+
+def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[str, str] | None = None) -> list[Connection]:
+    """Connect outputs of a to the inputs of b that have the same name; where ``ports`` are given, those of wheels and contacts by them.
+
+    ``ports`` maps ports of a to ports of b, ``{"wheel[2]": "trailing[1]"}``; a port of a that is not in it is left alone.
+    """
     inputs = {s.name for s in b.model.scalars["u"]}
     connections = []
     for scalar in a.model.scalars["y"]:
         name = scalar.name
-        if ports is not None and (port := re.match(r"(wheel|contact)\[(\d+)\]", name)):
-            if int(port[2]) not in ports:
+        if ports is not None and (port := re.match(r"(wheel|contact)\[\d+\]", name)):
+            if port[0] not in ports:
                 continue
-            name = f"{port[1]}[{ports[int(port[2])]}]{name[port.end() :]}"
+            name = ports[port[0]] + name[port.end() :]
         if name in inputs:
             connections.append(Connection(source, scalar.name, target, name))
     return connections
+
+
+def _given_files(instance: Instance) -> dict[str, Path]:
+    return {name: Path(path) for name, path in instance.files.items() if path}
 
 
 def _changed_starts(instance: Instance) -> dict[str, float]:

@@ -16,7 +16,7 @@ from cdl_fmu.slave.model import Instance, ModelError, describe_violation, parse_
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil
 from cdl_fmu.wheel import WHEEL
-from fmus import EXPERIMENTS, TIERS
+from fmus import EXPERIMENTS, TIERS, contacts
 from mbs.driver import Driver
 from mbs.rover import Rover
 
@@ -102,22 +102,25 @@ class Experiment:
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
-        self._rover, self._driver = Rover(), Driver()
-        self._models = {tier: TIERS[tier](sum(t == tier for t in self.tiers.values())) for tier in dict.fromkeys(self.tiers.values())}
+        #: part -> its model
+        self._models = {"rover": Rover(), "driver": Driver(), **{t.lower(): m for t, m in contacts(self.tiers.values()).items()}}
+        # Sections of all tiers, so that one file serves runs on any of them.
+        models = {tier.lower(): kind() for tier, kind in TIERS.items()} | self._models
         shared = ENVIRONMENT | SOIL | WHEEL
         self._records = {
             "run": RUN,
             "environment": ENVIRONMENT,
             "soil": SOIL,
             "wheel": WHEEL,
-            "rover": _without(self._rover.parameters, shared),
-            "driver": _without(self._driver.parameters, shared),
-            **{tier.lower(): _without(model.parameters, shared) for tier, model in self._models.items()},
+            **{part: _without(model.parameters, shared) for part, model in models.items()},
         }
-        self._refuse_unknown(tables, "", {"title", "tiers", *self._records, *(t.lower() for t in TIERS)})
+        self._refuse_unknown(tables, "", {"title", "tiers", *self._records})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
-        self._values = {section: self._section(section, record, tables.get(section, {})) for section, record in self._records.items()}
+        self._values = {
+            section: self._section(section, record, models[section].files if section in models else {}, tables.get(section, {}))
+            for section, record in self._records.items()
+        }
         run = {s.name: self._values["run"].get(s.name, s.start) for s in RUN.scalars()}
         scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
         self.settings = Settings(scheme=scheme, **run)
@@ -129,7 +132,7 @@ class Experiment:
         """
         shared = {**self._values["environment"], **self._values["soil"], **self._values["wheel"]}
         made = {}
-        for name, model in {"rover": self._rover, "driver": self._driver, **{t.lower(): m for t, m in self._models.items()}}.items():
+        for name, model in self._models.items():
             made[name] = Instance(model, name)
             own = {s.name for s in model.scalars["p"]}
             made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values[name])
@@ -137,7 +140,8 @@ class Experiment:
                 model.check(made[name].p)
             except ModelError as error:
                 key = str(error).split(" = ")[0]
-                section = next((s for s, record in self._records.items() if key in (x.name for x in record.scalars())), name)
+                sections = (name, "soil", "wheel", "environment")
+                section = next((s for s in sections if key in (x.name for x in self._records[s].scalars())), name)
                 raise ExperimentError(f"{self._place(section, key.split('[')[0])}: {section}.{error}") from error
         return made
 
@@ -178,13 +182,16 @@ class Experiment:
         except SoilError as error:
             raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None
 
-    def _section(self, section: str, record: Record, table: Mapping) -> dict[str, float]:
-        values = {}
+    def _section(self, section: str, record: Record, files: Mapping[str, str], table: Mapping) -> dict[str, float | str]:
+        values: dict[str, float | str] = {}
         scalars = record.scalars()
         for key, value in _flat(table):
+            if key in files:
+                values[key] = self._path(section, key, value, files[key])
+                continue
             array = [s for s in scalars if s.name == key or s.name.startswith(f"{key}[")]
             if not array:
-                self._refuse_unknown({key: value}, section, {s.name.split("[")[0] for s in scalars})
+                self._refuse_unknown({key: value}, section, {*(s.name.split("[")[0] for s in scalars), *files})
             each = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * len(array)
             if len(each) != len(array):
                 number = f"{len(array)} values" if len(array) > 1 else "one value"
@@ -195,6 +202,19 @@ class Experiment:
             except ModelError as error:
                 raise ExperimentError(f"{self._place(section, key)}: {section}.{error}") from None
         return values
+
+    def _path(self, section: str, key: str, value, description: str) -> str:
+        """Path of a file that a model reads, "" for none: relative to the experiment's file, in an option to the working directory."""
+        if not isinstance(value, str):
+            raise ExperimentError(f"{self._place(section, key)}: {section}.{key} = {value!r}: the path of a file is needed ({description})")
+        if not value:
+            return ""
+        folder = Path() if f"{section}.{key}" in self._options else self._folder
+        path = (folder / value).absolute()
+        if not path.is_file():
+            where = self._place(section, key)
+            raise ExperimentError(f"{where}: {section}.{key} = '{value}': no such file; correct the path {path} ({description})")
+        return str(path)
 
     @staticmethod
     def _checked(scalar: Scalar, value) -> float:

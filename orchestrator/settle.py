@@ -1,36 +1,72 @@
-"""Static equilibrium of a rover on its contacts: lower it quasi-statically before t = 0, so that a run starts at rest."""
+"""Static equilibrium of a rover on its contacts, found before t = 0, so that a run starts at rest."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from cdl_fmu.slave.model import Instance, ModelError
 
+from .ssp import Connection
+
 _Z, _PITCH = 2, 4  # the coordinates of the rover's state q that gravity moves on level ground
 _LOWERING = 2e-4  # [m], [rad]: largest move of one iteration
-_SHARE = 0.7  # of a Newton step: the soil is approached from above and not pressed deeper than it will be at rest
+_SHARE = 0.7  # of a Newton step: a soil's force is no smooth function of the pose
 _TOLERANCE = 1e-9  # [m/s2], [rad/s2] of acceleration, as a share of gravity
 _ITERATIONS = 20_000
 _H = 1e-6  # [s] step over which the rover's accelerations are observed
 
 
-def settle(rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> dict[str, float]:
-    """Lower ``rover`` until it rests on ``contacts``.
+class Wires:
+    """Brings outputs of instances to the inputs of others, as a master does."""
+
+    def __init__(self, instances: Mapping[str, Instance], connections: Iterable[Connection]):
+        self._wires: dict[str, list[tuple[np.ndarray, int, np.ndarray, int]]] = {name: [] for name in instances}
+        at = {
+            (name, part, s.name): i.slices[part].start + s.offset
+            for name, i in instances.items()
+            for part in "uy"
+            for s in i.model.scalars[part]
+        }
+        routes: dict[tuple[str, str], list[tuple[int, int]]] = {}
+        for c in connections:
+            route = routes.setdefault((c.source_component, c.target_component), [])
+            route.append((at[c.source_component, "y", c.source_variable], at[c.target_component, "u", c.target_variable]))
+        for (source, target), pairs in routes.items():
+            y, u = np.array(pairs).T
+            self._wires[target].append((instances[source].block, y, instances[target].block, u))
+
+    def feed(self, name: str) -> None:
+        """Set the connected inputs of the instance of this name to the outputs as they are."""
+        for source, y, target, u in self._wires[name]:
+            target[u] = source[y]
+
+
+def settle(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], wires: Wires) -> dict[str, float]:
+    """Move ``rover`` until it rests on ``contacts``.
+
+    A contact that remembers, such as a soil that was pressed, answers each pose as if it came from the start to that pose at once: so does
+    a run's first step, which then finds the rover at rest.
 
     Args:
         rover: Instance with the interface of :class:`mbs.rover.Rover`, its start pose above the ground.
-        contacts: Contact instances, each with the rover's wheel (from 0) at each of its own wheels.
+        contacts: Contact instances by name, each with the rover's wheel (from 0) at each of its own wheels; one that needs outputs of
+            another comes after that.
+        wires: Connections of all of them.
 
     Returns:
-        Start values ``start.z`` [m] and ``start.pitch`` [rad] of the rover; ``rover.y`` and the contacts' outputs are those at rest.
+        Start values ``start.z`` [m] and ``start.pitch`` [rad] of the rover; ``rover.y`` holds the pose at rest.
 
     Raises:
         ModelError: it does not come to rest.
     """
     free = [_Z, _PITCH]
     rover.initialise()
-    for contact, _ in contacts:
+    undisturbed = {}
+    for name, (contact, _) in contacts.items():
         contact.initialise()
+        undisturbed[name] = contact.save()
     n = len(rover.u["wheel"])
     q = np.array(rover.x["q"])
     unloaded = _accelerations(rover, q, np.zeros((n, 3)))[free]
@@ -53,11 +89,10 @@ def settle(rover: Instance, contacts: list[tuple[Instance, list[int]]]) -> dict[
     for _ in range(_ITERATIONS):
         acceleration = _accelerations(rover, q, force)[free]
         stiffness = np.zeros(n)
-        for contact, wheels in contacts:
-            for i, j in enumerate(wheels):
-                for part in ("r_0", "T", "v_0", "w_0"):
-                    contact.u["wheel"][part][i] = rover.y["wheel"][part][j]
-                contact.u["wheel"]["v_0"][i] = contact.u["wheel"]["w_0"][i] = 0.0
+        for name, (contact, wheels) in contacts.items():
+            contact.restore(undisturbed[name])
+            wires.feed(name)
+            contact.u["wheel"]["v_0"] = contact.u["wheel"]["w_0"] = 0.0
             try:
                 contact.step(0.0, 1.0)  # 1 s: whatever the contact filters has settled
             except ModelError as error:
