@@ -16,7 +16,7 @@ from .stability import StabilityGuard
 
 _CONTACT_FORCE = re.compile(r"contact\[(\d+)\]\.F\[1\]")
 _WHEEL_FORCE = re.compile(r"wheel\[(\d+)\]\.f_0\[1\]")
-_COUPLING = re.compile(r"contact\[\d+\]\.|inverse_inertia\[")
+_COUPLING = re.compile(r"contact\[\d+\]\.|inverse_inertia\[|patch\[\d+\]\.")
 _GUARD_EVERY = 20  # steps between two checks of an explicit scheme's stability
 
 

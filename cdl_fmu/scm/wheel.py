@@ -16,7 +16,7 @@ from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
 from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
+from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
 
 #: Columns of a tool's list of pressed cells.
 ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y = range(11)
@@ -50,24 +50,29 @@ def add_force(sums, x, y, z, f_x, f_y, f_z):
 
 
 @kernel(inline=True)
-def limited_slope(low, middle, high, cell):
-    """Slope [1] of a field between three cells: the mean where it is smooth, 0 at its edges (van Leer's monotonised central limiter)."""
+def limited_difference(low, middle, high):
+    """Difference of a field per cell: the mean where it is smooth, 0 at its edges (van Leer's monotonised central limiter)."""
     a, b = middle - low, high - middle
     if a * b <= 0.0:
         return 0.0
-    return math.copysign(min(0.5 * abs(a + b), 2.0 * abs(a), 2.0 * abs(b)), a) / cell
+    return math.copysign(min(0.5 * abs(a + b), 2.0 * abs(a), 2.0 * abs(b)), a)
 
 
 @kernel(inline=True)
 def floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y):
     """Slope [1] of the pressed floor along the direction h around cell (i, j)."""
-    x = limited_slope(_pressed(rows, grid, corner, i - 1, j), floor, _pressed(rows, grid, corner, i + 1, j), p.cell)
-    y = limited_slope(_pressed(rows, grid, corner, i, j - 1), floor, _pressed(rows, grid, corner, i, j + 1), p.cell)
-    return x * h_x + y * h_y
+    row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
+    if 0 < a < TILE - 1 and 0 < b < TILE - 1:
+        low_x, high_x = floor_depth(rows, row, a - 1, b), floor_depth(rows, row, a + 1, b)
+        low_y, high_y = floor_depth(rows, row, a, b - 1), floor_depth(rows, row, a, b + 1)
+    else:
+        low_x, high_x = _floor(rows, grid, corner, i - 1, j), _floor(rows, grid, corner, i + 1, j)
+        low_y, high_y = _floor(rows, grid, corner, i, j - 1), _floor(rows, grid, corner, i, j + 1)
+    return (limited_difference(low_x, floor, high_x) * h_x + limited_difference(low_y, floor, high_y) * h_y) / p.cell
 
 
-@kernel(inline=True)
-def _pressed(rows, grid, corner, i, j):
+@kernel
+def _floor(rows, grid, corner, i, j):
     return floor_depth(rows, row_of(grid, corner, i, j), in_tile(i), in_tile(j))
 
 
@@ -106,8 +111,9 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
     r, half, cell = p.r_w, 0.5 * p.b_w, p.cell
     reach = shear_radius(p, N_phi) / r  # the shear surface's radius over the rim's
     damping = max(0.0, 1.0 - p.c_d * v_z)  # Hunt & Crossley 1975, as in BCM
-    points, step = cell * cell / _POINTS, cell / _POINTS
     n_exp, per_k_e, per_level, per_spacing = p.n, 1.0 / p.k_e, 1.0 / level, (table.shape[1] - 1.0) / deepest_of_table(p)
+    step, point = cell / _POINTS, cell * cell / _POINTS
+    per_r, least, layer = 1.0 / r, (1.0 - _STEEPEST**2) * r * r, 0.5 * p.transport_depth * h / cell
 
     span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
     span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
@@ -135,16 +141,17 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             slope = floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y)
             if cover < 1.0:  # the middle of the covered part
                 across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
-            depth_middle = surface - (across * tilt - math.sqrt(max(r * r - along * along, 0.0))) / level
-            total = moment = floors = stiffness = f_x = t_y = 0.0
+            across_tilt = across * tilt
+            total, moment, floors, stiffness, f_x, t_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(_POINTS):
                 offset = (k + 0.5) * step - 0.5 * cell
                 x = along + offset
                 before = max(floor + slope * offset, 0.0)
                 after = before
-                if abs(x) < _STEEPEST * r:
-                    root = math.sqrt(r * r - x * x)
-                    z = (across * tilt - root) * per_level
+                square = r * r - x * x
+                if square > least:
+                    root = math.sqrt(square)
+                    z = (across_tilt - root) * per_level
                     depth = surface - z
                     if depth > before:
                         bearing = bearing_depth(p, depth, fill)
@@ -160,14 +167,15 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
                 floors += after
             if total <= 0.0:
                 # Not pressed; what is closely covered is held against landslides.
-                if depth_middle - rows[row, SINKAGE, a, b] > -_CLEARANCE * cell:
+                gap = (across_tilt - math.sqrt(max(r * r - along * along, 0.0))) * per_level - surface + rows[row, SINKAGE, a, b]
+                if gap < _CLEARANCE * cell:
                     cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
                     n += 1
                 continue
             x = moment / total
-            cos = math.sqrt(1.0 - (x / r) ** 2)
-            sin = x / r
-            z = (across * tilt - r * cos) / level
+            sin = x * per_r
+            cos = math.sqrt(1.0 - sin * sin)
+            z = (across_tilt - r * cos) * per_level
             # Velocity of the rim against the soil, along its tangent and along the axle.
             u_x, u_z = v_x + reach * (w_y * z - w_z * across), v_z + reach * (w_x * across - w_y * x)
             u_t, u_l = u_x * cos + u_z * sin, v_y + w_z * x - w_x * z
@@ -177,20 +185,23 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
                 j_x, j_y = j_x + rows[row, SHEAR_X, a, b], j_y + rows[row, SHEAR_Y, a, b]
             j_x, j_y = remembered(p, j_x, j_y)
             m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_1, u_2)
-            area = cover * points * damping
-            strength = (p.c * min(damping, 1.0) + total / _POINTS * damping * tan_phi) * cover * cell * cell / cos  # Eq. (8.7)
-            f_t, f_l = -strength * secant * (m_x * h_x + m_y * h_y), -strength * secant * (m_x * l_x + m_y * l_y)
+            area = cover * point
+            normal = area * total * damping
+            strength = (p.c * min(damping, 1.0) * cover * cell * cell + normal * tan_phi) / cos  # Eq. (8.7)
+            drag = strength * secant
+            f_t, f_l = -drag * (m_x * h_x + m_y * h_y), -drag * (m_x * l_x + m_y * l_y)
             s_x, s_z = f_t * cos, f_t * sin
-            sums[F_X] += whole(area * f_x + s_x)
+            p_x = area * damping * f_x
+            sums[F_X] += whole(p_x + s_x)
             sums[F_Y] += whole(f_l)
-            sums[F_Z] += whole(area * total + s_z)
-            sums[T_X] += whole(across * (area * total + s_z) - reach * z * f_l)
-            sums[T_Y] += whole(area * t_y + reach * (z * s_x - x * s_z))
-            sums[T_Z] += whole(reach * x * f_l - across * (area * f_x + s_x))
-            sums[K_X] += whole(strength * secant)
-            sums[K_Y] += whole(strength * secant)
-            sums[K_Z] += whole(stiffness * area)
-            sums[D_Z] += whole(p.c_d * total * cover * points)
+            sums[F_Z] += whole(normal + s_z)
+            sums[T_X] += whole(across * (normal + s_z) - reach * z * f_l)
+            sums[T_Y] += whole(area * damping * t_y + reach * (z * s_x - x * s_z))
+            sums[T_Z] += whole(reach * x * f_l - across * (p_x + s_x))
+            sums[K_X] += whole(drag)
+            sums[K_Y] += whole(drag)
+            sums[K_Z] += whole(stiffness * area * damping)
+            sums[D_Z] += whole(p.c_d * total * area)
             pressed = floors / _POINTS
             sums[DEEPEST] = max(sums[DEEPEST], pressed - fill)
             sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
@@ -199,7 +210,7 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             cells[n, J_X], cells[n, J_Y] = j_x, j_y
             cells[n, ALONG], cells[n, ACROSS] = along, across
             # Soil dragged along by the rim: a layer whose speed falls linearly from the rim's to 0.
-            dragged = 0.5 * p.transport_depth * share * cover * h / cell
+            dragged = layer * share * cover
             cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * u_1, dragged * u_2
             n += 1
     sums[CELLS] = n
