@@ -28,8 +28,17 @@ def height_at(p, rows, marks, head, ground, frame, x, y):
 
 
 @kernel
+def is_set(r_0):
+    """False for a position that was never sent: exactly 0. Some masters send zeros before the first step."""
+    return r_0[0] != 0.0 or r_0[1] != 0.0 or r_0[2] != 0.0
+
+
+@kernel
 def fill_patch(p, rows, marks, head, ground, frame, r_0, patch):
     """Heights around a wheel at r_0: nodes at multiples of the spacing, each the mean of nine points a third of the spacing apart."""
+    if not is_set(r_0):
+        patch.spacing = 0.0
+        return
     spacing = p.patch_spacing
     n_x, n_y = patch.z.shape
     i0 = math.floor(r_0[0] / spacing + 0.5) - n_x // 2

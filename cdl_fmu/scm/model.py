@@ -14,7 +14,7 @@ from ..terramechanics import slip_ratio
 from ..wheel import WHEEL
 from .erosion import settle, slide
 from .flow import heave, press, transport
-from .heights import fill_patch, height_at
+from .heights import fill_patch, height_at, is_set
 from .pool import SoilPool
 from .stress import pressure_modulus, tabulate
 from .tiles import SLIDING, base_height, let_slide, look_up, nearest, tile_of, touch
@@ -148,9 +148,10 @@ def _step_patches(t, h, p, u, x, y, rows, marks, head, ground, frame, grid, corn
         r_0, patch = u.trailing[k].r_0, y.patch[k]
         half = 0.5 * p.patch_spacing
         reach_x, reach_y = (patch.z.shape[0]) * half, (patch.z.shape[1]) * half
-        if not (
-            _inside(p, ground, frame, r_0[0] - reach_x, r_0[1] - reach_y) and _inside(p, ground, frame, r_0[0] + reach_x, r_0[1] + reach_y)
-        ):
+        inside = _inside(p, ground, frame, r_0[0] - reach_x, r_0[1] - reach_y) and _inside(
+            p, ground, frame, r_0[0] + reach_x, r_0[1] + reach_y
+        )
+        if is_set(r_0) and not inside:
             return _PATCH_OUTSIDE + STATUS_SPAN * k
     status = _step(t, h, p, u, x, y, rows, marks, head, ground, frame, grid, corner, cells, sums, outflow, around, moved, boxes)
     for k in range(len(u.trailing)):

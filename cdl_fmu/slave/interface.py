@@ -105,4 +105,5 @@ def patch_in(n: int, nx: int = 13, ny: int = 9) -> Record:
 
 def trailing_in(n: int) -> Record:
     """Position of each of ``n`` wheels of other tiers, which want the heights around them."""
-    return Record(trailing=Array(n, Record(r_0=Real(0.0, "m", "Position of the wheel's centre, resolved in world", (3,), -_BIG, _BIG))))
+    meaning = "Position of the wheel's centre, resolved in world; (0, 0, 0): none yet, and no patch"
+    return Record(trailing=Array(n, Record(r_0=Real(0.0, "m", meaning, (3,), -_BIG, _BIG))))
