@@ -59,21 +59,31 @@ def limited_difference(low, middle, high):
 
 
 @kernel(inline=True)
-def floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y):
-    """Slope [1] of the pressed floor along the direction h around cell (i, j)."""
+def floor_slope(p, rows, grid, corner, i, j, h_x, h_y):
+    """Rise of the pressed floor's depth [1] along the direction h around cell (i, j).
+
+    Its height counts, not its sinkage: where a mound was pressed flat the level from which sinkage counts has a slope of its own.
+    """
     row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
+    here = _pressed_level(rows, row, a, b)
     if 0 < a < TILE - 1 and 0 < b < TILE - 1:
-        low_x, high_x = floor_depth(rows, row, a - 1, b), floor_depth(rows, row, a + 1, b)
-        low_y, high_y = floor_depth(rows, row, a, b - 1), floor_depth(rows, row, a, b + 1)
+        low_x, high_x = _pressed_level(rows, row, a - 1, b), _pressed_level(rows, row, a + 1, b)
+        low_y, high_y = _pressed_level(rows, row, a, b - 1), _pressed_level(rows, row, a, b + 1)
     else:
-        low_x, high_x = _floor(rows, grid, corner, i - 1, j), _floor(rows, grid, corner, i + 1, j)
-        low_y, high_y = _floor(rows, grid, corner, i, j - 1), _floor(rows, grid, corner, i, j + 1)
-    return (limited_difference(low_x, floor, high_x) * h_x + limited_difference(low_y, floor, high_y) * h_y) / p.cell
+        low_x, high_x = _level_at(rows, grid, corner, i - 1, j), _level_at(rows, grid, corner, i + 1, j)
+        low_y, high_y = _level_at(rows, grid, corner, i, j - 1), _level_at(rows, grid, corner, i, j + 1)
+    return (limited_difference(low_x, here, high_x) * h_x + limited_difference(low_y, here, high_y) * h_y) / p.cell
+
+
+@kernel(inline=True)
+def _pressed_level(rows, row, a, b):
+    """Depth [m] of the pressed part of a cell below height 0."""
+    return floor_depth(rows, row, a, b) - (rows[row, BASE, a, b] + rows[row, FILL, a, b])
 
 
 @kernel
-def _floor(rows, grid, corner, i, j):
-    return floor_depth(rows, row_of(grid, corner, i, j), in_tile(i), in_tile(j))
+def _level_at(rows, grid, corner, i, j):
+    return _pressed_level(rows, row_of(grid, corner, i, j), in_tile(i), in_tile(j))
 
 
 @kernel
@@ -138,7 +148,7 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             if cover <= 0.0:
                 continue
             floor = floor_depth(rows, row, a, b)
-            slope = floor_slope(p, rows, grid, corner, i, j, floor, h_x, h_y)
+            slope = floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
             if cover < 1.0:  # the middle of the covered part
                 across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
             across_tilt = across * tilt
