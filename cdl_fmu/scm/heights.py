@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from .tiles import base_height, find, in_tile, surface_height, tile_of
+from .tiles import base_height, find, in_tile, nearest, surface_height, tile_of
 
 
 @kernel
@@ -36,20 +36,31 @@ def is_set(r_0):
 @kernel
 def fill_patch(p, rows, marks, head, ground, frame, r_0, patch):
     """Heights around a wheel at r_0: nodes at multiples of the spacing, each the mean of nine points a third of the spacing apart."""
-    if not is_set(r_0):
-        patch.spacing = 0.0
-        return
     spacing = p.patch_spacing
     n_x, n_y = patch.z.shape
-    i0 = math.floor(r_0[0] / spacing + 0.5) - n_x // 2
-    j0 = math.floor(r_0[1] / spacing + 0.5) - n_y // 2
+    i0 = nearest(r_0[0], spacing) - n_x // 2
+    j0 = nearest(r_0[1], spacing) - n_y // 2
     patch.spacing = spacing
     patch.origin[0], patch.origin[1] = i0 * spacing, j0 * spacing
-    third = spacing / 3.0
+    apart = spacing / (3.0 * p.cell)  # cells from one of the nine points to the next
+    whole = nearest(apart, 1.0)
+    on_nodes = whole > 0 and abs(apart - whole) < 1e-9
     for a in range(n_x):
         for b in range(n_y):
-            total = 0.0
-            for k in range(-1, 2):
-                for m in range(-1, 2):
-                    total += height_at(p, rows, marks, head, ground, frame, (i0 + a) * spacing + k * third, (j0 + b) * spacing + m * third)
-            patch.z[a, b] = total / 9.0
+            patch.z[a, b] = 0.0
+    for i in range(3 * i0 - 1, 3 * (i0 + n_x) - 1):
+        a = (i + 1) // 3 - i0
+        row, tile = -1, 0
+        for j in range(3 * j0 - 1, 3 * (j0 + n_y) - 1):
+            b = (j + 1) // 3 - j0
+            if on_nodes:
+                u, v = i * whole, j * whole
+                if tile_of(v) != tile or j == 3 * j0 - 1:
+                    tile = tile_of(v)
+                    row = find(marks, head, tile_of(u), tile)
+                patch.z[a, b] += base_height(p, ground, frame, u, v) if row < 0 else surface_height(rows, row, in_tile(u), in_tile(v))
+            else:
+                patch.z[a, b] += height_at(p, rows, marks, head, ground, frame, i * spacing / 3.0, j * spacing / 3.0)
+    for a in range(n_x):
+        for b in range(n_y):
+            patch.z[a, b] /= 9.0
