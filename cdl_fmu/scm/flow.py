@@ -114,7 +114,7 @@ def heave(p, sums, wheel, half, half_length, outflow, rows, grid, corner):
 @kernel
 def _spread(p, height, x, y, d_x, d_y, width, widest, rows, grid, corner):
     """Put down a height [m] on one cell's area from the point (x, y) on in the direction d, falling linearly to 0 over a width [m]."""
-    n = int(math.ceil(max(min(width, widest), p.cell) / p.cell))
+    n = math.ceil(max(min(width, widest), p.cell) / p.cell)
     left = height
     for k in range(n - 1, -1, -1):
         part = left if k == 0 else quantised(height * (2.0 * (n - k) - 1.0) / (n * n))

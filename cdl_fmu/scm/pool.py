@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..slave.pool import RowPool, SavedRows
+from ..terrain.raster import Raster
 from .erosion import AROUND
 from .flow import OUTFLOWS
 from .tiles import BASE, FIELDS, FILL, HEAD, LONGEST_QUEUE, MARKS, SINKAGE, TILE, TILE_I, TILE_J
@@ -21,15 +22,14 @@ class SoilPool(RowPool):
         cell: Size of a cell [m].
         spans: Largest horizontal distance from each tool's centre that its contact reads or changes [m].
         limit: Most tiles there may be.
-        ground: Heights of the undisturbed ground [m], [n_x, n_y]; None: flat.
-        frame: x and y [m] of ground's node [0, 0], and its spacing [m].
+        base: The undisturbed ground; None: flat.
     """
 
-    def __init__(self, cell: float, spans: list[float], limit: int, ground: np.ndarray | None, frame: tuple[float, float, float]):
+    def __init__(self, cell: float, spans: list[float], limit: int, base: Raster | None):
         n, span = len(spans), max(spans, default=0.0)
         tiles = math.ceil(2.0 * span / (cell * TILE)) + 2  # that a tool's surroundings may overlap along an axis
         across = math.ceil(2.0 * span / cell) + 3  # cells
-        self._memory = (
+        memory = (
             np.zeros((n, tiles, tiles), np.int64),  # grid: rows of the tiles around each tool
             np.zeros((n, 2), np.int64),  # corner: its first tile
             np.zeros((n, across * across, COLUMNS)),  # cells: those that each tool presses
@@ -39,12 +39,16 @@ class SoilPool(RowPool):
             np.zeros((LONGEST_QUEUE, AROUND, AROUND)),  # moved
             np.zeros((LONGEST_QUEUE, 4), np.int64),  # boxes
         )
-        extra = (np.zeros((1, 1)) if ground is None else ground, np.array(frame))
-        super().__init__((FIELDS, TILE, TILE), marks=MARKS, head=HEAD, per_step=n * tiles * tiles + 32, limit=limit, extra=extra)
-
-    def _resize(self, capacity: int) -> None:
-        super()._resize(capacity)
-        self.arrays += self._memory
+        ground, frame = (np.zeros((1, 1)), (0.0, 0.0, 1.0)) if base is None else (base.z, (*base.origin, base.spacing))
+        super().__init__(
+            (FIELDS, TILE, TILE),
+            marks=MARKS,
+            head=HEAD,
+            per_step=n * tiles * tiles + 32,
+            limit=limit,
+            extra=(ground, np.array(frame)),
+            scratch=memory,
+        )
 
 
 @dataclass(frozen=True)

@@ -59,11 +59,20 @@ def find(marks, head, ti, tj):
 
 @kernel
 def base_height(p, ground, frame, i, j):
-    """Undisturbed surface [m] at node (i, j): flat at ground_z, or bilinear in the raster ``ground`` with origin and spacing ``frame``."""
+    """Undisturbed surface [m] at node (i, j)."""
+    return base_height_at(p, ground, frame, i * p.cell, j * p.cell)
+
+
+@kernel
+def base_height_at(p, ground, frame, x, y):
+    """Undisturbed surface [m] at (x, y) [m]: flat at ground_z, or bilinear in the raster ``ground`` with origin and spacing ``frame``.
+
+    Beyond its edges the raster goes on level: tiles overlap them, tools must not.
+    """
     if ground.shape[0] < 2:
         return p.ground_z
-    s = min(max((i * p.cell - frame[0]) / frame[2], 0.0), ground.shape[0] - 1.0)
-    q = min(max((j * p.cell - frame[1]) / frame[2], 0.0), ground.shape[1] - 1.0)
+    s = min(max((x - frame[0]) / frame[2], 0.0), ground.shape[0] - 1.0)
+    q = min(max((y - frame[1]) / frame[2], 0.0), ground.shape[1] - 1.0)
     a, b = min(int(s), ground.shape[0] - 2), min(int(q), ground.shape[1] - 2)
     s, q = s - a, q - b
     low = ground[a, b] * (1.0 - s) + ground[a + 1, b] * s

@@ -1,0 +1,144 @@
+"""What an SCM step does for each wheel beside the contact itself: is it on the map and near the ground, its tiles, its outputs."""
+
+from __future__ import annotations
+
+import math
+
+from ..contact import SLIP_FLOOR, anchor_here, lowest_point, show
+from ..slave.kernel import kernel
+from ..terramechanics import slip_ratio
+from .flow import heave, transport
+from .heights import height_at
+from .tiles import base_height_at, let_slide, look_up, nearest, tile_of, touch
+from .wheel import ALONG_MAX, ALONG_MIN, CELLS, D_Z, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z
+
+_NEAR = 0.03  # [m] above the ground from which on a tool's tiles are made ready
+
+
+@kernel
+def inside(p, ground, frame, x, y):
+    """Whether a point lies on the map and, where there is one, on the base raster."""
+    if not (p.map_min[0] <= x <= p.map_max[0] and p.map_min[1] <= y <= p.map_max[1]):
+        return False
+    if ground.shape[0] < 2:
+        return True
+    last_x, last_y = frame[0] + (ground.shape[0] - 1) * frame[2], frame[1] + (ground.shape[1] - 1) * frame[2]
+    return frame[0] <= x <= last_x and frame[1] <= y <= last_y
+
+
+@kernel
+def wheel_inside(p, ground, frame, wheel):
+    reach = p.r_w + p.h_g
+    return inside(p, ground, frame, wheel.r_0[0] - reach, wheel.r_0[1] - reach) and inside(
+        p, ground, frame, wheel.r_0[0] + reach, wheel.r_0[1] + reach
+    )
+
+
+@kernel
+def _span(p, wheel):
+    """Half extents [m] along the world's x and y of the soil that a wheel works on: its footprint and the ground that heaves around it."""
+    level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
+    along = p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell
+    across = p.b_w + 4.0 * p.cell
+    l_x, l_y = abs(wheel.T[1, 0] / level), abs(wheel.T[1, 1] / level)
+    return along * l_y + across * l_x, along * l_x + across * l_y
+
+
+@kernel
+def is_near(p, rows, marks, head, ground, frame, wheel):
+    """Whether a wheel is close to the ground: its lowest point against the surface on a coarse raster below it."""
+    lowest = lowest_point(p, wheel) - p.h_g - _NEAR
+    reach = p.r_w + p.h_g
+    for i in range(-2, 3):
+        for j in range(-2, 3):
+            x, y = wheel.r_0[0] + 0.5 * i * reach, wheel.r_0[1] + 0.5 * j * reach
+            if height_at(p, rows, marks, head, ground, frame, x, y) > lowest:
+                return True
+    return False
+
+
+@kernel
+def prepare(p, wheel, rows, marks, head, ground, frame, grid, corner):
+    """Allocate and look up the tiles around a wheel; False if the pool is full."""
+    s_x, s_y = _span(p, wheel)
+    r_0 = wheel.r_0
+    i0, i1 = nearest(r_0[0] - s_x, p.cell), nearest(r_0[0] + s_x, p.cell)
+    j0, j1 = nearest(r_0[1] - s_y, p.cell), nearest(r_0[1] + s_y, p.cell)
+    for a in range(tile_of(i0), tile_of(i1) + 1):
+        for b in range(tile_of(j0), tile_of(j1) + 1):
+            if touch(p, rows, marks, head, ground, frame, a, b) < 0:
+                return False
+    look_up(marks, head, grid, corner, i0, i1, j0, j1)
+    return True
+
+
+@kernel
+def rearrange(p, wheel, stamp, rows, marks, head, ground, frame, grid, corner, cells, sums, outflow):
+    """Soil dragged along and soil that heaves, and what may slide after it."""
+    transport(sums, cells, stamp, rows, marks, grid, corner)
+    heave(p, sums, wheel, 0.5 * p.b_w, p.r_w, outflow, rows, grid, corner)
+    s_x, s_y = _span(p, wheel)
+    r_0 = wheel.r_0
+    # Work on the part of the wheel's surroundings that its footprint, the heave and their neighbours fill.
+    level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
+    l_x, l_y = wheel.T[1, 0] / level, wheel.T[1, 1] / level
+    middle, length = 0.5 * (sums[ALONG_MAX] + sums[ALONG_MIN]), 0.5 * (sums[ALONG_MAX] - sums[ALONG_MIN])
+    x, y = r_0[0] + middle * l_y, r_0[1] - middle * l_x
+    along, across = length + 0.5 * p.b_w + 4.0 * p.cell, p.b_w + 4.0 * p.cell
+    s_x, s_y = along * abs(l_y) + across * abs(l_x), along * abs(l_x) + across * abs(l_y)
+    let_slide(
+        p,
+        rows,
+        marks,
+        head,
+        ground,
+        frame,
+        nearest(x - s_x, p.cell),
+        nearest(x + s_x, p.cell),
+        nearest(y - s_y, p.cell),
+        nearest(y + s_y, p.cell),
+    )
+
+
+@kernel
+def answer(p, wheel, sums, wrench, contact):
+    """Wrench and interface Jacobian from the sums of a wheel."""
+    T = wheel.T
+    level = math.sqrt(T[1, 0] ** 2 + T[1, 1] ** 2)
+    l_x, l_y = T[1, 0] / level, T[1, 1] / level
+    weight = wheel.active
+    for k in range(3):
+        contact.F[k] = weight * sums[F_X + k]
+        contact.axes[0, k] = contact.axes[1, k] = contact.axes[2, k] = 0.0
+        contact.point_0[k] = wheel.r_0[k]
+    contact.axes[0, 0], contact.axes[0, 1] = l_y, -l_x
+    contact.axes[1, 0], contact.axes[1, 1] = l_x, l_y
+    contact.axes[2, 2] = 1.0
+    contact.point_0[2] -= p.r_w
+    wrench.f_0[0] = weight * (sums[F_X] * l_y + sums[F_Y] * l_x)
+    wrench.f_0[1] = weight * (sums[F_Y] * l_y - sums[F_X] * l_x)
+    wrench.f_0[2] = weight * sums[F_Z]
+    wrench.t_0[0] = weight * (sums[T_X] * l_y + sums[T_Y] * l_x)
+    wrench.t_0[1] = weight * (sums[T_Y] * l_y - sums[T_X] * l_x)
+    wrench.t_0[2] = weight * sums[T_Z]
+    contact.K[0], contact.K[1], contact.K[2] = weight * sums[K_X], weight * sums[K_Y], weight * sums[K_Z]
+    contact.D[0], contact.D[1], contact.D[2] = p.tau_r * contact.K[0], p.tau_r * contact.K[1], weight * sums[D_Z]
+    contact.in_contact = 1.0 if sums[F_Z] > 0.0 else 0.0
+    anchor_here(wheel, contact)
+
+
+@kernel
+def diagnose(p, ground, frame, wheel, sums, wrench, shown):
+    T, v, w = wheel.T, wheel.v_0, wheel.w_0
+    level = math.sqrt(T[1, 0] ** 2 + T[1, 1] ** 2)
+    v_x = (v[0] * T[1, 1] - v[1] * T[1, 0]) / level
+    rim = p.r_w * (w[0] * T[1, 0] + w[1] * T[1, 1] + w[2] * T[1, 2])
+    sinkage = base_height_at(p, ground, frame, wheel.r_0[0], wheel.r_0[1]) - lowest_point(p, wheel)
+    front = back = 0.0
+    if sums[CELLS] > 0.0:
+        half = 0.5 * p.cell
+        front = math.asin(min(1.0, max(-1.0, (sums[ALONG_MAX] + half) / p.r_w)))
+        back = math.asin(min(1.0, max(-1.0, (sums[ALONG_MIN] - half) / p.r_w)))
+    entry, exit_ = (front, back) if v_x + rim >= 0.0 else (back, front)
+    torque = -(wrench.t_0[0] * T[1, 0] + wrench.t_0[1] * T[1, 1] + wrench.t_0[2] * T[1, 2])
+    show(wheel, sinkage, slip_ratio(v_x, rim, SLIP_FLOOR), entry, exit_, wrench.f_0, torque, shown)
