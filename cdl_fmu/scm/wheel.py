@@ -123,7 +123,8 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
     damping = max(0.0, 1.0 - p.c_d * v_z)  # Hunt & Crossley 1975, as in BCM
     n_exp, per_k_e, per_level, per_spacing = p.n, 1.0 / p.k_e, 1.0 / level, (table.shape[1] - 1.0) / deepest_of_table(p)
     step, point = cell / _POINTS, cell * cell / _POINTS
-    per_r, least, layer = 1.0 / r, (1.0 - _STEEPEST**2) * r * r, 0.5 * p.transport_depth * h / cell
+    dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
+    per_r, least, layer = 1.0 / r, (1.0 - _STEEPEST**2) * r * r, 0.5 * dragged_depth * h / cell
 
     span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
     span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
