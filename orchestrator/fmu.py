@@ -28,8 +28,20 @@ _BASE_TYPES = {
 }
 
 
+_LARGE = 64  # elements from which an array is sent only when it has changed
+
+
 class SlaveError(Exception):
     """A slave refused a call; the message names instance, what it said and when."""
+
+
+def _large_arrays(names: list[str]) -> list[list[int]]:
+    """Places of the elements of each large array, where they are consecutive."""
+    runs: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        if name.endswith("]"):
+            runs.setdefault(name[: name.rindex("[")], []).append(i)
+    return [run for run in runs.values() if len(run) >= _LARGE and run[-1] - run[0] == len(run) - 1]
 
 
 class Slave:
@@ -51,6 +63,8 @@ class Slave:
         self._warn = warn
         self._errors: list[str] = []
         self._sets: list[tuple] = []
+        self._large_sets: list[tuple] = []
+        self._sent: list[bytes] = []
         self._gets: list[tuple] = []
         self._directory = Path(directory)
         identifier = description.coSimulation.modelIdentifier
@@ -122,19 +136,25 @@ class Slave:
     def connect(self, inputs: list[str], u: np.ndarray, outputs: list[str], y: np.ndarray) -> None:
         """Bind input names to the slice ``u`` of the master's memory and output names to ``y``; both are float64."""
         self.inputs, self.u, self.outputs, self.y = inputs, u, outputs, y
-        self._sets = self._groups("Set", inputs, u)
-        self._gets = self._groups("Get", outputs, y)
+        large = [np.array(run) for run in _large_arrays(inputs)]
+        rest = np.setdiff1d(np.arange(len(inputs)), np.concatenate(large)) if large else np.arange(len(inputs))
+        self._sets = self._groups("Set", inputs, u, rest)
+        # Large arrays, such as height patches, are the same in most steps: they are sent when they have changed.
+        self._large_sets = [(u[run[0] : run[-1] + 1], self._groups("Set", inputs, u, run)) for run in large]
+        self._sent = [b""] * len(large)
+        self._gets = self._groups("Get", outputs, y, np.arange(len(outputs)))
 
-    def _groups(self, direction: str, names: list[str], values: np.ndarray) -> list[tuple]:
+    def _groups(self, direction: str, names: list[str], values: np.ndarray, among: np.ndarray) -> list[tuple]:
+        """A call for the variables of each type among these of ``names``."""
         groups = []
         for suffix, dtype in dict.fromkeys(_BASE_TYPES.values()):
-            index = np.array([i for i, n in enumerate(names) if _BASE_TYPES[self.variables[n].type] == (suffix, dtype)], dtype=int)
+            index = np.array([i for i in among if _BASE_TYPES[self.variables[names[i]].type] == (suffix, dtype)], dtype=int)
             if index.size == 0:
                 continue
             references = (c_uint * index.size)(*(self.variables[names[i]].valueReference for i in index))
-            # Reals of one kind are exchanged in place; any other selection goes through a buffer of its own type.
-            in_place = index.size == len(names) and dtype is np.float64
-            buffer = values if in_place else np.zeros(index.size, dtype)
+            # Consecutive Reals are exchanged in place; any other selection goes through a buffer of its own type.
+            in_place = index[-1] - index[0] == index.size - 1 and dtype is np.float64
+            buffer = values[index[0] : index[-1] + 1] if in_place else np.zeros(index.size, dtype)
             # Arguments of ctypes' own types, made once, need no conversion at a call.
             arguments = (self._component, references, ctypes.c_size_t(index.size), buffer.ctypes.data_as(c_void_p))
             groups.append((partial(self._function(direction + suffix), *arguments), None if in_place else (values, index, buffer)))
@@ -142,7 +162,15 @@ class Slave:
 
     def set(self, t: float) -> None:
         """Send the bound inputs."""
-        for call, copy in self._sets:
+        self._send(self._sets, t)
+        for k, (values, groups) in enumerate(self._large_sets):
+            now = values.tobytes()
+            if now != self._sent[k]:
+                self._send(groups, t)
+                self._sent[k] = now
+
+    def _send(self, groups: list[tuple], t: float) -> None:
+        for call, copy in groups:
             if copy:
                 values, index, buffer = copy
                 buffer[:] = values[index]
@@ -171,6 +199,7 @@ class Slave:
     def restore(self, state) -> None:
         """Go back to a saved state."""
         self._call("setFMUstate", self._fmu.setFMUstate, state)
+        self._sent = [b""] * len(self._sent)  # the FMU has the inputs of then
 
     def free(self, state) -> None:
         """Release a saved state."""
