@@ -1,11 +1,15 @@
-"""Systems that several tests run: the two-wheel rover on one contact model, wheels at rest, without a driver."""
+"""Systems that several tests run: the two-wheel rover on one contact model, at rest and without a driver; the shipped experiment."""
 
 import sys
 from pathlib import Path
 
 from cdl_fmu.slave.build import cached_fmu
 from mbs.rover import Rover
+from orchestrator.experiment import load_experiment
+from orchestrator.run import run
+from orchestrator.soil_map import soil_of
 from orchestrator.ssp import Connection, read_system, write_system
+from orchestrator.wheels import wheels_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
@@ -29,3 +33,12 @@ def rover_on(folder, contact, *, start_z, stop_time=1.0, rover=None, **parameter
         step_size=1e-3,
     )
     return read_system(path, folder / "unpacked")
+
+
+def run_two_wheel(folder, *, tiers, overrides=None, **options):
+    """Run the shipped experiment through its FMUs; what :func:`orchestrator.simulate` does, less the picture, which takes most of it."""
+    path = folder / "system.ssp"
+    folder.mkdir(exist_ok=True)
+    load_experiment("two_wheel", tiers=tiers, overrides=overrides).write_system(path)
+    system = read_system(path, folder / "unpacked")
+    return run(system, folder, soil=soil_of(system), attributes={"wheels": wheels_of(system)}, **options)
