@@ -1,0 +1,189 @@
+"""Wheels driven over SCM's soil in process, and what the soil looks like afterwards."""
+
+import math
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+from scipy.ndimage import binary_dilation
+
+from cdl_fmu.frames import axis_rotation
+from cdl_fmu.scm import SCM
+from cdl_fmu.scm.pool import Heights, heights
+from cdl_fmu.scm.tiles import FILL, QUANTUM, SINKAGE, SLIDING, STAMP, TILE, TILE_I, TILE_J, let_slide, touch
+from cdl_fmu.slave.model import Instance
+
+R = B = 0.125
+LOAD = 27 * 9.81
+ALONG_X, ALONG_Y = (1.0, 0.0), (0.0, 1.0)
+#: A smooth wheel without damping.
+BARE = dict(n_g=0, c_d=0, tau_r=0)
+#: Soil that is pressed and nothing else: all of it compacted, none dragged along, no landslides.
+STILL = dict(plasticity=0, transport_depth=0, erosion_sweeps=0)
+
+
+def scm(n_wheels=1, **parameters) -> Instance:
+    instance = Instance(SCM(n_wheels), "scm", **parameters)
+    instance.u.wheel["active"] = 0.0
+    instance.initialise()
+    return instance
+
+
+def towards(degrees: float) -> tuple[float, float]:
+    return math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+
+
+class Carriage:
+    """Moves a wheel as told, with its height prescribed, or free under a load.
+
+    Args:
+        at: x and y of its centre [m].
+        heading: Unit vector, horizontal.
+        depth: Sinkage of its lowest point below z = 0 at the start [m]; below 0 it hangs in the air.
+        load: Weight on the wheel [N]; None: its height is prescribed.
+    """
+
+    def __init__(self, instance: Instance, i=0, *, at=(0.0, 0.0), heading=ALONG_X, depth=0.0, load=None, camber=0.0):
+        self.instance, self.i, self.heading, self.load, self.camber = instance, i, heading, load, camber
+        self.r = np.array([*at, R - depth])
+        self.v_z = self.spin = 0.0
+        instance.u.wheel[i].active = 1.0
+
+    @property
+    def sinkage(self) -> float:
+        return R - self.r[2]
+
+    def set_inputs(self, forward=0.0, sideways=0.0, up=0.0, rate=0.0):
+        x, y = self.heading
+        upright = axis_rotation(1, self.camber) @ np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+        self.v = np.array([forward * x - sideways * y, forward * y + sideways * x, up if self.load is None else self.v_z])
+        wheel = self.instance.u.wheel[self.i]
+        wheel.r_0[:], wheel.v_0[:] = self.r, self.v
+        wheel["T"][:] = axis_rotation(2, self.spin) @ upright
+        wheel.w_0[:] = rate * upright[1]
+        self.rate = rate
+
+    def move_on(self, h):
+        """Move by the velocities that were set, after the soil's step."""
+        if self.load is not None and h:
+            contact = self.instance.y.contact[self.i]
+            mass, K, D = self.load / 9.81, contact.K[2], contact.D[2]
+            self.v_z = (mass * self.v_z + h * (contact.F[2] - self.load + D * self.v_z)) / (mass + h * D + h * h * K)
+            self.v[2] = self.v_z
+        self.r = self.r + h * self.v
+        self.spin += h * self.rate
+
+    def reading(self) -> np.ndarray:
+        """Force and torque in the heading frame [N, N.m], sinkage [m]."""
+        x, y = self.heading
+        to_heading = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+        wrench = self.instance.y.wheel[self.i]
+        return np.array([*(to_heading @ wrench.f_0), *(to_heading @ wrench.t_0), self.sinkage])
+
+    def put_down(self, h=0.01):
+        """Lower the wheel until the soil carries its load, without overshoot: what it lacks pulls it against a strong damper."""
+        damper = 1e4
+        for k in range(400):
+            self.set_inputs(up=self.v_z)
+            self.instance.step(k * h, h)
+            contact = self.instance.y.contact[self.i]
+            self.v_z = (contact.F[2] - self.load) / (damper + h * contact.K[2])
+            self.r[2] += h * self.v_z
+        self.v_z = 0.0
+
+    def move(self, seconds, h=1e-3, **velocities) -> np.ndarray:
+        """Readings [n, 7] of steps of h with these velocities: forward, sideways, up [m/s], rate of the wheel [rad/s]."""
+        readings = []
+        for k in range(max(1, round(seconds / h))):
+            self.set_inputs(**velocities)
+            self.instance.step(k * h, h)
+            readings.append(self.reading())
+            self.move_on(h)
+        return np.array(readings)
+
+
+def on_soil(heading=ALONG_X, at=(0.0, 0.0), load=LOAD, camber=0.0, **parameters) -> Carriage:
+    """A loaded wheel that was put down gently."""
+    carriage = Carriage(scm(**parameters), at=at, heading=heading, load=load, camber=camber)
+    carriage.put_down()
+    return carriage
+
+
+def fields(instance: Instance, field: int) -> np.ndarray:
+    """A field of all touched cells, [n, TILE, TILE]."""
+    return instance.pool.rows[: instance.pool.head[0], field]
+
+
+def volume_error(instance: Instance) -> float:
+    """Soil that is there and soil that was compacted, less what there was, as height on one cell [m]."""
+    return float(fields(instance, FILL).sum() - fields(instance, SINKAGE).sum()) + float(instance.x.compacted)
+
+
+def surface(instance: Instance) -> Heights:
+    return heights(instance.pool.save(), float(instance.p.cell))
+
+
+def heap(height, reach: float, **parameters) -> Instance:
+    """Loose soil that is about to slide: ``height(x, y)`` [m] up to ``reach`` [m] from the origin along both axes; no wheel near."""
+    instance = scm(**parameters)
+    cell = float(instance.p.cell)
+    n = math.ceil(reach / (cell * TILE))
+    for i in range(-n * TILE, n * TILE, TILE):
+        for j in range(-n * TILE, n * TILE, TILE):
+            instance.pool.reserve()
+            rows, marks, head, ground, frame = instance.pool.arrays[:5]
+            row = touch(instance.p, rows, marks, head, ground, frame, i // TILE, j // TILE)
+            x, y = np.meshgrid((i + np.arange(TILE)) * cell, (j + np.arange(TILE)) * cell, indexing="ij")
+            rows[row, FILL] = np.round(height(x, y) / QUANTUM) * QUANTUM
+            let_slide(instance.p, rows, marks, head, ground, frame, i, i + TILE - 1, j, j + TILE - 1)
+    return instance
+
+
+def wait_for_rest(instance: Instance, most=10.0, h=0.01):
+    """Step without wheels until nothing slides; fails after ``most`` [s]."""
+    for k in range(round(most / h)):
+        if instance.pool.head[SLIDING] == 0:
+            return
+        instance.step(k * h, h)
+    raise AssertionError(f"soil still slides after {most} s")
+
+
+def stamps(instance: Instance) -> np.ndarray:
+    """Number of the last step in which a tool worked on each cell, on the nodes of ``surface``."""
+    n = int(instance.pool.head[0])
+    corners = instance.pool.marks[:n, [TILE_I, TILE_J]] * TILE
+    first = corners.min(axis=0)
+    out = np.full(tuple(corners.max(axis=0) - first + TILE), -1.0)
+    for tile, (i, j) in zip(fields(instance, STAMP), corners - first):
+        out[i : i + TILE, j : j + TILE] = tile
+    return out
+
+
+def excess(instance: Instance, waited=0) -> tuple[float, float]:
+    """Largest excess over the angle of repose, in cells, along rows and columns, and along diagonals.
+
+    Cells that a tool worked on in the last ``waited`` steps, and their neighbours, do not count.
+    """
+    z, cell = surface(instance).z, float(instance.p.cell)
+    left = ~binary_dilation(stamps(instance) > instance.x.stamp - waited)
+    z = np.where(left, z, np.nan)
+
+    def steepest(pairs, distance):
+        return max(np.nanmax(np.abs(a - b)) for a, b in pairs) / cell - distance * math.tan(instance.p.repose)
+
+    straight = steepest([(z[1:], z[:-1]), (z[:, 1:], z[:, :-1])], 1.0)
+    diagonal = steepest([(z[1:, 1:], z[:-1, :-1]), (z[1:, :-1], z[:-1, 1:])], math.sqrt(2.0))
+    return straight, diagonal
+
+
+def slopes(instance: Instance, top: float, directions=32) -> np.ndarray:
+    """Slope [rad] of a heap around the origin between 0.2 and 0.8 of its height ``top`` [m], by direction."""
+    soil = surface(instance)
+    axes = [o + soil.spacing * np.arange(n) for o, n in zip(soil.origin, soil.z.shape)]
+    height = RegularGridInterpolator(axes, soil.z)
+    r = np.arange(0.0, min(map(np.max, axes)), 0.25 * soil.spacing)
+    out = []
+    for a in 2.0 * math.pi * np.arange(directions) / directions:
+        h = height(np.stack([r * math.cos(a), r * math.sin(a)], axis=1))
+        flank = (h > 0.2 * top) & (h < 0.8 * top)
+        out.append(math.atan(-np.polyfit(r[flank], h[flank], 1)[0]))
+    return np.array(out)
