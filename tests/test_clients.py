@@ -24,14 +24,15 @@ HIGHER = 0.0990 + 0.005  # [m] start height of the axles, 5 mm above their heigh
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
-    """Export the shipped experiment with changed values, once for each set of them."""
+    """Export the shipped experiment on these tiers with changed values, once for each set of them."""
     folder, packages = tmp_path_factory.mktemp("exported"), {}
 
-    def export(**overrides):
-        key = json.dumps(overrides)
+    def export(*tiers, **overrides):
+        key = json.dumps([tiers, overrides])
         if key not in packages:
             packages[key] = folder / f"{len(packages)}.ssp"
-            load_experiment("two_wheel", overrides={k.replace("__", "."): v for k, v in overrides.items()}).write_system(packages[key])
+            values = {k.replace("__", "."): v for k, v in overrides.items()}
+            load_experiment("two_wheel", tiers=tiers or None, overrides=values).write_system(packages[key])
         return packages[key]
 
     return export
@@ -72,6 +73,20 @@ def test_a_rover_put_down_5_mm_too_high_comes_to_the_same_rest(name, exported, c
     sinkage = of_wheels(ours, "bcm.diagnostics[{i}].sinkage")
     assert (sinkage > 0.02).all()
     assert of_wheels(theirs, "bcm.diagnostics[{i}].sinkage") == pytest.approx(sinkage, rel=0.01)
+
+
+@pytest.mark.parametrize("tiers", [("SCM", "BCM"), ("BCM", "SCM")], ids="-".join)
+@pytest.mark.parametrize("name", ["fmpy", "libcosim"])
+def test_deforming_soil_below_one_wheel_bears_it_at_the_same_rest_and_has_no_crater_elsewhere(name, tiers, exported, client, tmp_path):
+    """FMPy sends zeros before its first step: neither must SCM press the soil at the origin then, nor BCM take that for its ground."""
+    ssp = exported(*tiers, driver__wheel_rate=0.0, rover__start__z=HIGHER)
+    ours, theirs = own(ssp, tmp_path, 0.4, "ij"), client(name, ssp, 0.4)
+    for tier in ("scm", "bcm"):
+        sinkage = ours[f"{tier}.diagnostics[1].sinkage"]
+        assert sinkage > 0.02
+        assert theirs[f"{tier}.diagnostics[1].sinkage"] == pytest.approx(sinkage, rel=0.01)
+    patch = {v for n, v in theirs.items() if n.startswith("scm.patch[1].z[")}
+    assert theirs["scm.patch[1].spacing"] == 0.03 and patch == {0.0}  # around the other wheel, 0.6 m away
 
 
 # libcosim exchanges as our Jacobi scheme does, from the first step on; FMPy puts zeros on all inputs of its first step, so that the

@@ -36,6 +36,9 @@ def is_set(r_0):
 @kernel
 def fill_patch(p, rows, marks, head, ground, frame, r_0, patch):
     """Heights around a wheel at r_0: nodes at multiples of the spacing, each the mean of nine points a third of the spacing apart."""
+    if not is_set(r_0):
+        patch.spacing = 0.0
+        return
     spacing = p.patch_spacing
     n_x, n_y = patch.z.shape
     i0 = nearest(r_0[0], spacing) - n_x // 2
