@@ -77,14 +77,14 @@ def rearrange(p, wheel, stamp, rows, marks, head, ground, frame, grid, corner, c
     """Soil dragged along and soil that heaves, and what may slide after it."""
     transport(sums, cells, stamp, rows, marks, grid, corner)
     heave(p, sums, wheel, 0.5 * p.b_w, p.r_w, outflow, rows, grid, corner)
-    s_x, s_y = _span(p, wheel)
-    r_0 = wheel.r_0
-    # Work on the part of the wheel's surroundings that its footprint, the heave and their neighbours fill.
+    # The part of the wheel's surroundings that its footprint, the heave beside and ahead of it, and their neighbours fill.
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     l_x, l_y = wheel.T[1, 0] / level, wheel.T[1, 1] / level
-    middle, length = 0.5 * (sums[ALONG_MAX] + sums[ALONG_MIN]), 0.5 * (sums[ALONG_MAX] - sums[ALONG_MIN])
-    x, y = r_0[0] + middle * l_y, r_0[1] - middle * l_x
-    along, across = length + 0.5 * p.b_w + 4.0 * p.cell, p.b_w + 4.0 * p.cell
+    near, far = 4.0 * p.cell, 0.5 * p.b_w + 4.0 * p.cell
+    forward = wheel.v_0[0] * l_y - wheel.v_0[1] * l_x >= 0.0
+    front, back = sums[ALONG_MAX] + (far if forward else near), sums[ALONG_MIN] - (near if forward else far)
+    x, y = wheel.r_0[0] + 0.5 * (front + back) * l_y, wheel.r_0[1] - 0.5 * (front + back) * l_x
+    along, across = 0.5 * (front - back), 0.5 * p.b_w + far
     s_x, s_y = along * abs(l_y) + across * abs(l_x), along * abs(l_x) + across * abs(l_y)
     let_slide(
         p,
