@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
 from cdl_fmu.slave.build import cached_fmu
 from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Choice
+from cdl_fmu.terrain.raster import load_raster
 
 from .settle import Wires, settle
 from .ssp import Connection, write_system
@@ -73,18 +78,23 @@ def assemble(experiment) -> Assembly:
 
 def _start(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], wires: Wires, is_given: bool) -> None:
     """Set the rover's start pose to rest on the ground, unless the user gives one, and the contacts' start inputs to match."""
-    r_w, h_g, ground = _ground(contacts)
+    p = next(iter(contacts.values()))[0].p
+    r_w = float(p.r_w)
+    rover.initialise()
+    centres = np.array(rover.y["wheel"]["r_0"])
+    ground = _ground(contacts, centres)
     if is_given:
-        rover.initialise()
-        for name, z in zip(WHEELS, rover.y["wheel"]["r_0"][:, 2]):
-            where = f"rover.start.z = {float(rover.p.start.z):g} m puts the axle of wheel {name} {abs(z - ground):.4g} m"
-            remedy = f"use a start.z between {ground:g} and {ground + 2 * r_w:g} m, or leave it out to start from equilibrium"
-            if z < ground:
+        for name, z, low in zip(WHEELS, centres[:, 2], ground):
+            where = f"rover.start.z = {float(rover.p.start.z):g} m puts the axle of wheel {name} {abs(z - low):.4g} m"
+            remedy = f"use a start.z between {low:g} and {low + 2 * r_w:g} m, or leave it out to start from equilibrium"
+            if z < low:
                 raise ModelError(f"{where} below the surface: {remedy}")
-            if z > ground + 2 * r_w:
+            if z > low + 2 * r_w:
                 raise ModelError(f"{where} above the surface, its rim more than the wheel's radius above it: {remedy}")
     else:
-        rover.set_starts({"start.z": ground + r_w + h_g})
+        (front, rear), apart = ground, float(np.linalg.norm((centres[0] - centres[1])[:2]))
+        over = {"start.z": float(np.mean(ground)) + r_w + float(p.h_g), "start.pitch": math.atan2(rear - front, apart)}
+        rover.set_starts(over)
         rover.set_starts(settle(rover, contacts, wires))
         rover.initialise()
     for name, (contact, _) in contacts.items():
@@ -92,14 +102,20 @@ def _start(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], 
         contact.initialise()
 
 
-def _ground(contacts: Mapping[str, tuple[Instance, list[int]]]) -> tuple[float, float, float]:
-    """Radius and grouser height of the wheels, and height of the undisturbed ground [m]."""
+def _ground(contacts: Mapping[str, tuple[Instance, list[int]]], points: np.ndarray) -> np.ndarray:
+    """Heights [m] of the undisturbed ground at points [n, 2 or more]."""
     (first, p), *rest = ((name, contact.p) for name, (contact, _) in contacts.items())
     for name, other in rest:
         if other.ground_z != p.ground_z:
             both = f"{name}.ground_z = {other.ground_z:g} m, but {first}.ground_z = {p.ground_z:g} m"
             raise ModelError(f"{both}: the wheels stand on one ground; set both alike")
-    return float(p.r_w), float(p.h_g), float(p.ground_z)
+    base = next((contact.files["base"] for contact, _ in contacts.values() if contact.files.get("base")), None)
+    if base is None:
+        return np.full(len(points), float(p.ground_z))
+    raster = load_raster(base)
+    axes = [first + raster.spacing * np.arange(n) for first, n in zip(raster.origin, raster.z.shape)]
+    # Beyond the raster the last slope goes on: the contact that stands there refuses by name.
+    return RegularGridInterpolator(axes, raster.z, bounds_error=False, fill_value=None)(points[:, :2])
 
 
 def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[str, str] | None = None) -> list[Connection]:

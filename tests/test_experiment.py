@@ -1,12 +1,16 @@
 """Experiments: what their values become, and where a run starts."""
 
+import zipfile
 from importlib import resources
 
 import numpy as np
 import pytest
 
+from cdl_fmu.slave.model import ModelError
 from orchestrator.assemble import assemble
-from orchestrator.experiment import load_experiment
+from orchestrator.experiment import ExperimentError, load_experiment
+from orchestrator.results import open_result
+from orchestrator.run import run
 from orchestrator.ssp import read_system
 
 WEIGHT = (50.0 + 2 * 2.0) * 9.81
@@ -101,3 +105,88 @@ def test_a_soil_of_ones_own_lies_beside_the_experiment_wherever_that_is_run(tmp_
     # An option means the folder it is given in.
     chosen = load_experiment("two_wheel", overrides={"soil.set": "there/soil.toml"})
     assert chosen.instances()["bcm"].p.c == 99.5
+
+
+# -- tiers, and files that their models read
+
+SLOPE = 0.1
+
+
+@pytest.fixture
+def sloping(tmp_path):
+    """An experiment on a raster of ground 2 m up that rises along x, in a folder of its own: its path, and options become overrides."""
+    folder = tmp_path / "sloping"
+    folder.mkdir()
+    x = np.arange(-1.0, 2.01, 0.1)
+    np.savez(folder / "base.npz", z=np.repeat(2.0 + SLOPE * x[:, None], 21, axis=1), origin=(-1.0, -1.0), spacing=0.1)
+    path = folder / "sloping.toml"
+    path.write_text('[tiers]\nfront = "SCM"\nrear = "BCM"\n[scm]\nbase = "base.npz"\nground_z = 2.0\n[bcm]\nground_z = 2.0\n')
+    return path
+
+
+def test_sections_of_all_tiers_are_checked_and_those_in_use_count(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text('[tiers]\nfront = "BCM"\nrear = "BCM"\n[scm]\nplasticity = 0.5\ncell = 0.02\n')
+    assert set(load_experiment(own).instances()) == {"rover", "driver", "bcm"}
+    one = load_experiment(own, tiers=("SCM", "BCM"), overrides={"scm.cell": 0.005}).instances()["scm"]
+    assert (one.p.plasticity, one.p.cell) == (0.5, 0.005)
+    own.write_text('[tiers]\nfront = "BCM"\nrear = "BCM"\n[scm]\nplastcity = 0.5\n')
+    with pytest.raises(ExperimentError, match=r"own\.toml, line 5: scm\.plastcity is unknown; did you mean plasticity\?"):
+        load_experiment(own)
+    with pytest.raises(
+        ExperimentError, match=r"--set scm\.cell: scm\.cell = 0\.05 m: larger than a third of the wheel's width .* use at most"
+    ):
+        load_experiment("two_wheel", tiers=("SCM", "SCM"), overrides={"scm.cell": 0.05}).instances()
+
+
+def test_a_rover_rests_on_ground_from_a_raster_that_lies_beside_the_experiment(sloping, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parts = assemble(load_experiment("sloping/sloping.toml")).instances
+    assert float(parts["rover"].p.start.pitch) == pytest.approx(-np.arctan(SLOPE), abs=2e-3)
+    for tier, i in (("scm", 0), ("bcm", 1)):
+        assert parts[tier].y["wheel"]["f_0"][0, 2] == pytest.approx(WEIGHT / 2, rel=0.1)
+        x, _, z = parts["rover"].y["wheel"]["r_0"][i]
+        assert 2.0 + SLOPE * x + 0.08 < z < 2.0 + SLOPE * x + 0.12
+    load_experiment("sloping/sloping.toml").write_system(tmp_path / "x.ssp")
+    (sloping.parent / "base.npz").unlink()  # it is in the FMU
+    with zipfile.ZipFile(tmp_path / "x.ssp") as package, zipfile.ZipFile(package.open("resources/cdl_scm_w1p1.fmu")) as fmu:
+        assert "resources/base.npz" in fmu.namelist()
+    outcome = run(read_system(tmp_path / "x.ssp", tmp_path / "unpacked"), tmp_path / "out", scheme="jacobi", stop_time=0.01)
+    series = open_result(outcome.result).cdl
+    assert series["scm.diagnostics[1].normal_load"][-1] == pytest.approx(float(parts["scm"].y["wheel"]["f_0"][0, 2]), rel=0.2)
+
+
+def test_a_file_of_an_option_is_meant_from_where_it_is_given(sloping, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    chosen = {"scm.base": "sloping/base.npz", "scm.ground_z": 2.0}
+    base = load_experiment("two_wheel", tiers=("SCM", "SCM"), overrides=chosen).instances()["scm"].files["base"]
+    assert base == str(sloping.parent / "base.npz")
+    none = load_experiment(sloping, overrides={"scm.base": ""})
+    assert none.instances()["scm"].files["base"] == ""
+
+
+def test_files_that_cannot_be_read_are_refused_with_their_line(sloping, tmp_path):
+    def refused(old, new):
+        path = sloping.with_name("other.toml")
+        path.write_text(sloping.read_text().replace(old, new))
+        with pytest.raises(ExperimentError) as caught:
+            load_experiment(path).write_system(tmp_path / "x.ssp")
+        return str(caught.value)
+
+    missing = refused("base.npz", "bse.npz")
+    assert missing.startswith("other.toml, line 5: scm.base = 'bse.npz': no such file; correct the path ")
+    assert "(Raster of heights of the undisturbed ground" in missing
+    assert "other.toml, line 5: scm.base = 3: the path of a file is needed (Raster" in refused('"base.npz"', "3")
+    assert "line 5: scm.bse is unknown; did you mean base?" in refused("base =", "bse =")
+    (sloping.parent / "base.txt").write_text("1 2 3")
+    assert "base.txt: a raster of heights is read from .npz, .asc" in refused("base.npz", "base.txt")
+    assert refused("[bcm]\nground_z = 2.0\n", "") == (
+        "other.toml: bcm.ground_z = 0 m, but scm.ground_z = 2 m: the wheels stand on one ground; set both alike"
+    )
+
+
+def test_a_start_height_counts_from_the_raster(sloping):
+    with pytest.raises(
+        ModelError, match=r"start\.z = 0\.15 m puts the axle of wheel front 1\.91 m below the surface: use a start\.z between 2\.06 "
+    ):
+        assemble(load_experiment(sloping, overrides={"rover.start.z": 0.15}))
