@@ -42,7 +42,10 @@ STATISTICS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], float], Callable[
 _RMS = "rms from "
 
 _KEYS = {"id", "place", "text", "effect", "quantity", "compare"}
-_QUANTITY = re.compile(r"(?P<statistic>.+) of (?P<signal>\S+) over (?P<low>[\d.]+) to (?P<high>[\d.]+) m")
+_QUANTITY = re.compile(
+    r"(?P<statistic>.+) of (?P<signal>\S+) over (?P<low>[\d.]+) to (?P<high>[\d.]+) m"
+    r"(?:, noise over (?P<noise_low>[\d.]+) to (?P<noise_high>[\d.]+) m)?"
+)
 _SIGN = re.compile(r"\s*([<>~])\s*")
 _OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 
@@ -53,12 +56,16 @@ class ClaimError(ValueError):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A statistic of a signal over a window of the rear wheel's x [m]; ``signal`` is None for the time factor."""
+    """A statistic of a signal over a window of the rear wheel's x [m]; ``signal`` is None for the time factor.
+
+    ``calm`` is the window in which the signal's noise is taken: another one where the statement is about a jerk, which is no noise.
+    """
 
     statistic: str = ""
     signal: str | None = None
     low: float = 0.0
     high: float = 0.0
+    calm: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -178,9 +185,11 @@ def _quantity(text: str) -> Quantity:
         raise ClaimError(f"quantity {text!r}: unknown statistic {statistic!r}; use one of {', '.join([*STATISTICS, *distances])}")
     if SIGNALS[signal].compound and statistic not in distances:
         raise ClaimError(f"quantity {text!r}: {signal} has several parts, so only {' or '.join(distances)} can be taken of it")
-    if high - low < SHORTEST - 1e-9:
-        raise ClaimError(f"quantity {text!r}: the window is {high - low:g} m long; it must be at least {SHORTEST:g} m")
-    return Quantity(statistic, signal, low, high)
+    calm = (float(found["noise_low"]), float(found["noise_high"])) if found["noise_low"] else (low, high)
+    for start, end in ((low, high), calm):
+        if end - start < SHORTEST - 1e-9:
+            raise ClaimError(f"quantity {text!r}: the window is {end - start:g} m long; it must be at least {SHORTEST:g} m")
+    return Quantity(statistic, signal, low, high, calm)
 
 
 def _relations(text: str, quantities: Mapping[str, Quantity]) -> Iterator[Relation]:
@@ -270,14 +279,16 @@ def _measure(quantity: Quantity, run: str, courses: Mapping[str, Course], time_f
     if quantity.signal is None:
         return time_factors[run], 0.0
     involved = [run, quantity.statistic.removeprefix(_RMS)] if quantity.statistic.startswith(_RMS) else [run]
-    raws, smooths = [], []
+    raws, smooths, noises = [], [], []
     for name in involved:
-        window = courses[name].window(quantity.low, quantity.high)
-        if window is None:
+        window, calm = courses[name].window(quantity.low, quantity.high), courses[name].window(*quantity.calm)
+        if window is None or calm is None:
             return None
-        raws.append(courses[name].signal(quantity.signal)[..., window])
-        smooths.append(courses[name].smooth(quantity.signal)[..., window])
-    noise = math.hypot(*(_rms(raw - smooth) for raw, smooth in zip(raws, smooths)))
+        raw, smooth = courses[name].signal(quantity.signal), courses[name].smooth(quantity.signal)
+        raws.append(raw[..., window])
+        smooths.append(smooth[..., window])
+        noises.append(_rms((raw - smooth)[..., calm]))
+    noise = math.hypot(*noises)
     n_independent = (quantity.high - quantity.low) / SMOOTHING
     if len(involved) == 2:
         return _rms(raws[0] - raws[1]), noise * n_independent**-0.5

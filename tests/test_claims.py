@@ -165,6 +165,12 @@ def test_the_threshold_is_twice_the_noise_of_the_difference_where_that_is_more(v
     assert mean.holds is True
 
 
+def test_noise_can_be_taken_where_the_signal_is_calm(verdict):
+    drive = made_up_drive(rear_F_x=lambda x: np.where(x > 0.2, ripple(x), 0.0))
+    assert verdict("mean of rear.F_x over 0.3 to 0.4 m", "SxB > 0", drive).finding.noise > 0.1
+    assert verdict("mean of rear.F_x over 0.3 to 0.4 m, noise over 0.05 to 0.15 m", "SxB > 0", drive).finding.noise == pytest.approx(0.0)
+
+
 def test_noise_goes_through_expressions(verdict):
     drives = dict.fromkeys(RUNS, made_up_drive(rear_F_x=ripple))
     once = verdict("first of rear.F_x over 0.1 to 0.3 m", "SxB > 0", drives).finding.noise
