@@ -56,7 +56,9 @@ class SCM(KernelModel):
             plasticity=Real(0.6, "1", "Share of the plastically displaced volume that flows out; the rest is compacted", min=0.0, max=1.0),
             ahead=Real(0.1, "1", "Share of the outflow that goes ahead of the tool", min=0.0, max=1.0),
             mound_strength=Real(0.2, "1", "Share of a mound's height that counts as depth for the pressure", min=0.0, max=1.0),
-transport_depth=Real(0.001, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0),
+            transport_depth=Real(
+                0.001, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0
+            ),
             repose=Real(0.640535835481919, "rad", "Angle of repose, above 0 and below 90 deg (36.7 deg: phi of MSS-D)", min=0.01, max=1.55),
             erosion_interval=Real(1e-3, "s", "Simulated time between two sweeps of landslides", min=1e-6, max=10.0),
             erosion_sweeps=Real(4.0, "1", "Most sweeps in one step", min=0.0, max=1e4),

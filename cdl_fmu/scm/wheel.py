@@ -153,21 +153,23 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             if cover < 1.0:  # the middle of the covered part
                 across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
             across_tilt = across * tilt
-            total, moment, floors, stiffness, f_x, t_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            total, moment, stiffness, f_x, t_y, depths, plastics = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(_POINTS):
                 offset = (k + 0.5) * step - 0.5 * cell
                 x = along + offset
                 before = max(floor + slope * offset, 0.0)
-                after = before
                 square = r * r - x * x
                 if square > least:
                     root = math.sqrt(square)
                     z = (across_tilt - root) * per_level
                     depth = surface - z
-                    if depth > before:
+                    if depth > 0.0:
                         bearing = bearing_depth(p, depth, fill)
-                        sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, n_exp, bearing))
-                        after = max(before, depth - sigma * per_k_e)
+                        plastic = modulus * power(table, per_spacing, n_exp, bearing)
+                        depths += depth
+                        plastics += plastic
+                    if depth > before:
+                        sigma, rise = pressure(p, depth - before, bearing, plastic)
                         # Pressure of the side below a tilted rim cancels its push across, as in BCM: no force across.
                         push = -sigma * x / root * per_level
                         f_x += push
@@ -175,7 +177,12 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
                         total += sigma
                         moment += sigma * x
                         stiffness += rise
-                floors += after
+            # The cell as a whole bears at least what its mean depth below its mean floor says. The floor's shape within the cell is a guess,
+            # good for where in the cell it is unloaded; by itself it would let a standing wheel's force decay.
+            whole_cell = min(p.k_e * (depths - _POINTS * floor), plastics)
+            if whole_cell > total > 0.0:
+                share = whole_cell / total
+                total, moment, stiffness, f_x, t_y = whole_cell, moment * share, stiffness * share, f_x * share, t_y * share
             if total <= 0.0:
                 # Not pressed; what is closely covered is held against landslides.
                 gap = (across_tilt - math.sqrt(max(r * r - along * along, 0.0))) * per_level - surface + rows[row, SINKAGE, a, b]
@@ -213,7 +220,7 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             sums[K_Y] += whole(drag)
             sums[K_Z] += whole(stiffness * area * damping)
             sums[D_Z] += whole(p.c_d * total * area)
-            pressed = floors / _POINTS
+            pressed = max(floor, (depths - total * per_k_e) / _POINTS)
             sums[DEEPEST] = max(sums[DEEPEST], pressed - fill)
             sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
             cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
