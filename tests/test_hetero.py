@@ -106,7 +106,6 @@ def test_a_run_starts_at_rest(tiers, standing):
         assert np.abs(wheel.diagnostic("drawbar_pull")[:2]).max() < 1e-3 * LOAD
 
 
-@pytest.mark.xfail(strict=True, reason="SCM's force on a wheel that stands falls by a third in some steps, and the wheel sinks after")
 @every_pair
 def test_a_wheel_that_stands_stays_as_it_is(tiers, standing):
     assert loads(standing(*tiers)) == pytest.approx(LOAD, rel=0.01)

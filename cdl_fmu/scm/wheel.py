@@ -177,8 +177,8 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
                         total += sigma
                         moment += sigma * x
                         stiffness += rise
-            # The cell as a whole bears at least what its mean depth below its mean floor says. The floor's shape within the cell is a guess,
-            # good for where in the cell it is unloaded; by itself it would let a standing wheel's force decay.
+            # The cell as a whole bears at least what its mean depth below its mean floor says: the floor's shape within the cell is a guess
+            # that is good for where it is unloaded, but by itself would let a standing wheel's force decay.
             whole_cell = min(p.k_e * (depths - _POINTS * floor), plastics)
             if whole_cell > total > 0.0:
                 share = whole_cell / total

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import re
 import tempfile
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -20,7 +21,10 @@ import platformdirs
 CACHE = platformdirs.user_cache_path("cdl-fmu", appauthor=False)
 
 _ROOT = Path(__file__).resolve().parents[2]
-#: How numba compiles every kernel, here and for export.
+# A record that begins with another one's fields can stand for it: a model with patches takes the code of the one without.
+warnings.filterwarnings("ignore", category=numba.NumbaExperimentalFeatureWarning, message=".*considered a subtype")
+
+#: How numba compiles every kernel, here and for export: without its run-time, as kernels allocate nothing and count no references.
 OPTIONS = dict(error_model="numpy", boundscheck=False, _nrt=False)
 
 

@@ -44,6 +44,8 @@ MEMORY = frozenset({"memcpy", "memmove", "memset", "memcmp"})
 # Counts of references to arrays, which are all the caller's here: numba leaves calls that do nothing for such.
 _COUNTS = re.compile(r"(define [^\n]*@NRT_(?:incref|decref)\([^\n]*\{\n).*?\n\}", re.DOTALL)
 
+_RULE = "use loops and scalars in place of what allocates, raises or prints (CONTRIBUTING.md, kernel rules)"
+
 # numba reads these when it is imported, hence the process of its own. Without them the code is vectorised for the build host.
 _ENVIRONMENT = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
 
@@ -108,9 +110,12 @@ def step({", ".join(("t", "h", "block", *names))}):
 
     compiled = {}
     for name, signature in ("initialise", (float64, block, *more)), ("step", (float64, float64, block, *more)):
-        # Not cfunc: its wrapper pulls in Python's C API.
-        entry = numba.njit(**OPTIONS)(scope[name])
-        entry.compile(signature)
+        # Not cfunc: its wrapper pulls in Python's C API. carray wants numba's run-time, of which _emit leaves nothing.
+        entry = numba.njit(**OPTIONS | {"_nrt": True})(scope[name])
+        try:
+            entry.compile(signature)
+        except numba.core.errors.NumbaError as error:
+            raise ExportError(f"the kernels do not compile; {_RULE}\n{error}") from error
         result = entry.overloads[signature]
         compiled[f"{model.identifier}_{name}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name
     return compiled
@@ -149,10 +154,7 @@ def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
 
     foreign = {f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")} - LIBM - MEMORY
     if foreign:
-        raise ExportError(
-            f"the kernels call {', '.join(sorted(foreign))}: use loops and scalars in place of what allocates, raises or prints "
-            "(CONTRIBUTING.md, kernel rules)"
-        )
+        raise ExportError(f"the kernels call {', '.join(sorted(foreign))}; {_RULE}")
     # numba numbers what it compiles, so local names depend on what else was compiled or cached: not in a reproducible object.
     for i, value in enumerate(v for v in (*module.functions, *module.global_variables) if not v.is_declaration and v.name not in entries):
         value.name = f"local{i}"
