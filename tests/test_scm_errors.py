@@ -1,0 +1,112 @@
+"""What SCM refuses, what it says, and that it can go on from the state before."""
+
+import math
+
+import numpy as np
+import pytest
+from soil import LOAD, Carriage, on_soil, scm
+
+from cdl_fmu.scm import SCM
+from cdl_fmu.slave.model import Instance, ModelError
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        (dict(cell=0.05), r"cell = 0.05 m: larger than a third of the wheel's width b_w = 0.125 m; use at most 0.0417 m"),
+        (dict(cell=math.nan), r"cell = nan m: it must be finite"),
+        (dict(repose=0), r"repose = 0 rad: it must be at least 0.01 rad \(Angle of repose, above 0 and below 90 deg"),
+        (dict(repose=1.6), r"repose = 1.6 rad: it must be at most 1.55 rad \(Angle of repose, above 0 and below 90 deg"),
+        (dict(plasticity=1.1), r"plasticity = 1.1: it must be at most 1 "),
+        (dict(k_e=0), r"k_e = 0 Pa/m: it must be at least 1000 Pa/m"),
+        (dict(layer_depth=0), r"layer_depth = 0 m: it must be at least 0.001 m"),
+        (dict(max_tiles=0), r"max_tiles = 0: it must be at least 1 "),
+        (dict(n_g=2.5), r"n_g = 2.5: the number of grousers must be whole"),
+        (dict(pressure_model="wong"), r"pressure_model = 'wong': choose one of bekker, reece"),
+        (
+            dict(b_w=0.01, cell=0.003),
+            r"k_c = -2.86e\+06 N/m\^3.49: k_c/b \+ k_phi <= 0 for wheel width b = 0.01 m; use a wider wheel or another soil",
+        ),
+    ],
+)
+def test_parameters_that_are_refused(parameters, text):
+    with pytest.raises(ModelError, match=text):
+        scm(**parameters)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "start", "velocities", "text"),
+    [
+        (dict(map_max=(0.2, 1.0)), {}, dict(forward=0.2), "wheel 1 leaves the map: .* within map_min, map_max and the base raster"),
+        (dict(map_min=(-1.0, -0.2)), {}, dict(sideways=-0.1), "wheel 1 leaves the map: .* within map_min, map_max and the base raster"),
+        (
+            dict(layer_depth=0.02),
+            dict(depth=0.01),
+            dict(up=-0.05),
+            "wheel 1 is pressed through the soil's layer: raise layer_depth, lighten the wheel or take a stronger soil",
+        ),
+        (dict(max_tiles=12), {}, dict(forward=0.2), "the soil's pool is full: raise max_tiles, coarsen cell or shorten the drive"),
+        ({}, dict(depth=0.3), {}, "wheel 1 is buried: its centre is more than its radius below the ground; .* check ground_z"),
+        ({}, {}, dict(forward=math.nan), r"wheel\[1\].v_0\[1\] = nan m/s: it must be finite"),
+        ({}, dict(camber=0.5 * math.pi), {}, "wheel 1 lies on its side: its axle is more than 80 deg from the horizontal"),
+    ],
+)
+def test_a_refused_step_says_why_and_can_be_taken_back(parameters, start, velocities, text):
+    carriage = Carriage(scm(**parameters), **start)
+    instance = carriage.instance
+    with pytest.raises(ModelError, match=text + r".*t = [\d.]+ s"):
+        for k in range(3000):
+            saved = instance.save()
+            carriage.set_inputs(**velocities)
+            inputs = instance.block[instance.slices["u"]].copy()
+            instance.step(k * 1e-3, 1e-3)
+            carriage.move_on(1e-3)
+    assert np.array_equal(instance.block[instance.slices["u"]], inputs, equal_nan=True)
+    assert np.array_equal(instance.x, saved.block[instance.slices["x"]].view(instance.x.dtype)[0])
+    instance.restore(saved)
+    assert np.array_equal(instance.block, saved.block)
+    instance.step(0.0, 1e-3)
+    assert np.isfinite(instance.block).all()
+
+
+def test_a_refused_step_leaves_the_soil_as_it_was():
+    carriage = on_soil(layer_depth=0.03)
+    instance = carriage.instance
+    carriage.set_inputs()
+    before = instance.save()
+    carriage.r[2] -= 0.02
+    carriage.set_inputs(forward=0.1, rate=1.0)
+    with pytest.raises(ModelError, match="pressed through"):
+        instance.step(0.0, 1e-3)
+    after = instance.save()
+    assert instance.pool.to_bytes(before.pool) == instance.pool.to_bytes(after.pool)
+
+
+def test_a_trailing_wheel_whose_patch_reaches_beyond_the_map():
+    instance = Instance(SCM(1, 1), "scm", map_max=(1.0, 1.0))
+    instance.u.wheel[0].r_0[:] = 0.0, 0.0, 0.12
+    instance.initialise()
+    instance.u.trailing[0].r_0[:] = 0.9, 0.0, 0.12
+    text = r"scm: patch\[1\] reaches beyond the map: keep trailing\[1\].r_0 within map_min, map_max and the base raster"
+    with pytest.raises(ModelError, match=text):
+        instance.step(0.0, 1e-3)
+    instance.u.trailing[0].r_0[0] = 0.5
+    instance.step(0.0, 1e-3)
+    assert instance.y.patch[0].spacing == 0.03
+
+
+def test_a_wheel_without_a_pose_is_an_error_after_two_steps():
+    instance = Instance(SCM(), "scm")
+    instance.initialise()
+    for k in range(2):
+        instance.step(k * 1e-3, 1e-3)
+    assert len(instance.warnings) == 1 and "wheel 1 has no pose yet" in instance.warnings[0]
+    with pytest.raises(ModelError, match=r"wheel\[1\] still has no pose after 2 steps: connect wheel\[1\].r_0, T, v_0, w_0"):
+        instance.step(2e-3, 1e-3)
+
+
+def test_a_wheel_that_is_off_is_not_looked_at():
+    carriage = Carriage(scm(map_max=(0.5, 0.5)), at=(3.0, 0.0), load=LOAD)
+    carriage.instance.u.wheel[0].active = 0.0
+    carriage.move(0.01)
+    assert not carriage.reading()[:6].any()
