@@ -10,7 +10,8 @@ from .slave.model import Event
 
 LEAST_CAMBER_COSINE = 0.17  # the axle at most 80 degrees from the horizontal
 SLIP_FLOOR = 1e-3  # [m/s] slower wheels have a slip and slip angle near 0 rather than noise
-_PATIENCE = 2  # steps without a pose
+#: Steps that a wheel or body may be without a pose.
+PATIENCE = 2
 
 #: Status numbers of a step; a model's own start at 5.
 NO_DATA, STILL_NO_DATA, BURIED, ON_ITS_SIDE = 1, 2, 3, 4
@@ -56,7 +57,7 @@ def refusal(p, wheel, silent, surface):
     if wheel.active == 0.0:
         return 0
     if not has_pose(wheel):
-        return STILL_NO_DATA if silent >= _PATIENCE else 0
+        return STILL_NO_DATA if silent >= PATIENCE else 0
     if wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2 < LEAST_CAMBER_COSINE**2:
         return ON_ITS_SIDE
     if wheel.r_0[2] < surface - p.r_w:

@@ -1,8 +1,9 @@
 """What becomes of the soil that a tool displaces: compaction, flow to the sides and ahead, and transport below the tool.
 
 A share ``plasticity`` of the volume that is pressed down plastically flows out from below the tool, the rest is compacted. It leaves
-across the nearer edge of the footprint, as in the failure of a strip, and heaves the ground beside it over the width of a
-Rankine passive wedge, depth tan(pi/4 + phi/2), most of it at the tool; a small share ``ahead`` is pushed along the direction of travel.
+across the nearer edge of the footprint of a wheel, as in the failure of a strip, or to all sides of a body, and heaves the ground beside
+it over the width of a Rankine passive wedge, depth tan(pi/4 + phi/2), most of it at the tool; a small share ``ahead`` is pushed along a
+wheel's direction of travel.
 """
 
 from __future__ import annotations
@@ -10,28 +11,23 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from .tiles import FILL, RATIO, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, TILE_I, TILE_J, add_soil, in_tile, quantised, row_of
+from .tiles import FILL, RATIO, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, TILE_I, TILE_J, add_soil, in_tile, nearest, quantised, row_of
 from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FLOOR, FLUX_X, FLUX_Y, J_X, J_Y, MEAN, ROW, A, B
 
 #: Outflow of a footprint by strip: volume to the right and to the left, depth of the strip; volume ahead by column.
 RIGHT, LEFT, DEPTH, AHEAD = range(4)
 OUTFLOWS = 4
+#: What a pressed cell's mean depth becomes: the volume that flows out of it, as height on one cell [m].
+DISPLACED = MEAN
 
 
 @kernel
-def press(p, sums, cells, stamp, rows, marks, half, half_length, outflow):
-    """Press the footprint of a tool into the soil.
-
-    Args:
-        half, half_length: Half width and half length of the tool [m].
-        outflow: Filled with the volume that leaves each strip of one cell along the tool, as height on one cell [m], [n, OUTFLOWS].
+def press(p, sums, cells, stamp, rows, marks):
+    """Press the footprint of a tool into the soil, and leave what each cell displaces in DISPLACED of the list of cells.
 
     Returns:
         Compacted volume, as height on one cell [m].
     """
-    for k in range(outflow.shape[0]):
-        for m in range(OUTFLOWS):
-            outflow[k, m] = 0.0
     compacted = 0.0
     for n in range(int(sums[CELLS])):
         row, a, b = int(cells[n, ROW]), int(cells[n, A]), int(cells[n, B])
@@ -39,6 +35,7 @@ def press(p, sums, cells, stamp, rows, marks, half, half_length, outflow):
         if cells[n, FLOOR] < 0.0:
             rows[row, STAMP, a, b] = stamp
             rows[row, SHEAR_X, a, b] = rows[row, SHEAR_Y, a, b] = 0.0
+            cells[n, DISPLACED] = 0.0
             continue
         before = rows[row, SINKAGE, a, b]
         after = max(before, quantised(cells[n, MEAN]))
@@ -48,15 +45,7 @@ def press(p, sums, cells, stamp, rows, marks, half, half_length, outflow):
         rows[row, STAMP, a, b] = stamp
         displaced = quantised(p.plasticity * (after - before))
         compacted += (after - before) - displaced
-        if displaced > 0.0:
-            strip = int((cells[n, ALONG] + half_length) / p.cell) + 1
-            column = int((cells[n, ACROSS] + half) / p.cell) + 1
-            ahead = quantised(p.ahead * displaced)
-            left = quantised((displaced - ahead) * min(max(0.5 + 0.5 * cells[n, ACROSS] / half, 0.0), 1.0))
-            outflow[column, AHEAD] += ahead
-            outflow[strip, LEFT] += left
-            outflow[strip, RIGHT] += displaced - ahead - left
-            outflow[strip, DEPTH] = max(outflow[strip, DEPTH], cells[n, FLOOR])
+        cells[n, DISPLACED] = displaced
     return compacted
 
 
@@ -84,14 +73,20 @@ def _arrive(height, stamp, rows, grid, corner, i, j):
 
 
 @kernel
-def heave(p, sums, wheel, half, half_length, outflow, rows, grid, corner):
-    """Put down what flowed out from below a wheel: beside each strip, and ahead of each column."""
+def heave(p, sums, cells, wheel, half, half_length, outflow, rows, grid, corner):
+    """Put down what a wheel displaced: beside each strip of one cell along it, and ahead of each column.
+
+    Args:
+        half, half_length: Half width and half length of the wheel [m].
+        outflow: Memory for what leaves each strip and column, [n, OUTFLOWS].
+    """
     T, r_0, cell = wheel.T, wheel.r_0, p.cell
     level = math.sqrt(T[1, 0] * T[1, 0] + T[1, 1] * T[1, 1])
     h_x, h_y = T[1, 1] / level, -T[1, 0] / level
     forward = 1.0 if wheel.v_0[0] * h_x + wheel.v_0[1] * h_y >= 0.0 else -1.0
     front = (sums[ALONG_MAX] if forward > 0.0 else sums[ALONG_MIN]) + forward * cell
-    wedge = math.tan(0.25 * math.pi + 0.5 * p.phi)
+    wedge = _wedge(p)
+    _flow_out(p, sums, cells, half, half_length, outflow)
     deepest = 0.0
     for k in range(outflow.shape[0]):
         along = (k - 0.5) * cell - half_length
@@ -109,6 +104,83 @@ def heave(p, sums, wheel, half, half_length, outflow, rows, grid, corner):
             across = (k - 0.5) * cell - half
             x, y = r_0[0] + front * h_x - across * h_y, r_0[1] + front * h_y + across * h_x
             _spread(p, height, x, y, forward * h_x, forward * h_y, wedge * deepest, half, rows, grid, corner)
+
+
+@kernel
+def _wedge(p):
+    """Width of a Rankine passive wedge over its depth."""
+    return math.tan(0.25 * math.pi + 0.5 * p.phi)
+
+
+@kernel
+def _flow_out(p, sums, cells, half, half_length, outflow):
+    for k in range(outflow.shape[0]):
+        for m in range(OUTFLOWS):
+            outflow[k, m] = 0.0
+    for n in range(int(sums[CELLS])):
+        displaced = cells[n, DISPLACED]
+        if displaced > 0.0:
+            # The footprint of a cambered wheel lies partly beside its middle's.
+            strip = max(math.floor((cells[n, ALONG] + half_length) / p.cell), -1) + 1
+            column = max(math.floor((cells[n, ACROSS] + half) / p.cell), -1) + 1
+            ahead = quantised(p.ahead * displaced)
+            left = quantised((displaced - ahead) * min(max(0.5 + 0.5 * cells[n, ACROSS] / half, 0.0), 1.0))
+            outflow[column, AHEAD] += ahead
+            outflow[strip, LEFT] += left
+            outflow[strip, RIGHT] += displaced - ahead - left
+            outflow[strip, DEPTH] = max(outflow[strip, DEPTH], cells[n, FLOOR])
+
+
+@kernel
+def heave_around(p, sums, cells, body, widest, window, stamp, rows, marks, grid, corner):
+    """Put down what a body displaced around its footprint: along the ray from its middle through each cell, from its edge on.
+
+    Args:
+        widest: Largest width of the heaved ground [m].
+        window: Cells [i0, i1] x [j0, j1] around the body, among them ``widest`` of ground around it.
+    """
+    reserve = math.ceil(widest / p.cell) + 3
+    inner = window[0] + reserve, window[1] - reserve, window[2] + reserve, window[3] - reserve
+    x_m, y_m, n_pressed = 0.0, 0.0, 0
+    for n in range(int(sums[CELLS])):
+        if cells[n, FLOOR] >= 0.0:
+            x, y = _node(p, cells, n, marks)
+            x_m, y_m, n_pressed = x_m + (x - body.r_0[0]), y_m + (y - body.r_0[1]), n_pressed + 1
+    for n in range(int(sums[CELLS])):
+        displaced = cells[n, DISPLACED]
+        if displaced > 0.0:
+            x, y = _node(p, cells, n, marks)
+            d_x, d_y = x - body.r_0[0] - x_m / n_pressed, y - body.r_0[1] - y_m / n_pressed
+            distance, width = math.hypot(d_x, d_y), _wedge(p) * cells[n, FLOOR]
+            if distance > 0.1 * p.cell:
+                _outwards(p, displaced, x, y, d_x / distance, d_y / distance, width, widest, inner, stamp, rows, grid, corner)
+                continue
+            quarter = quantised(0.25 * displaced)  # the very middle: to all sides
+            _outwards(p, displaced - 3.0 * quarter, x, y, 1.0, 0.0, width, widest, inner, stamp, rows, grid, corner)
+            _outwards(p, quarter, x, y, -1.0, 0.0, width, widest, inner, stamp, rows, grid, corner)
+            _outwards(p, quarter, x, y, 0.0, 1.0, width, widest, inner, stamp, rows, grid, corner)
+            _outwards(p, quarter, x, y, 0.0, -1.0, width, widest, inner, stamp, rows, grid, corner)
+
+
+@kernel(inline=True)
+def _node(p, cells, n, marks):
+    """World x and y [m] of the node of a cell in the list."""
+    row = int(cells[n, ROW])
+    return (marks[row, TILE_I] * TILE + int(cells[n, A])) * p.cell, (marks[row, TILE_J] * TILE + int(cells[n, B])) * p.cell
+
+
+@kernel
+def _outwards(p, height, x, y, d_x, d_y, width, widest, inner, stamp, rows, grid, corner):
+    """Put down a height [m] on one cell's area in the direction d from (x, y), from the first cell on that no tool is on."""
+    step = 0.5 * p.cell
+    while True:
+        x, y = x + step * d_x, y + step * d_y
+        i, j = nearest(x, p.cell), nearest(y, p.cell)
+        if not (inner[0] < i < inner[1] and inner[2] < j < inner[3]):
+            break  # onto another tool's cells, if these are that near
+        if rows[row_of(grid, corner, i, j), STAMP, in_tile(i), in_tile(j)] != stamp:
+            break
+    _spread(p, height, x + step * d_x, y + step * d_y, d_x, d_y, width, widest, rows, grid, corner)
 
 
 @kernel

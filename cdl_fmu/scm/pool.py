@@ -9,45 +9,50 @@ import numpy as np
 
 from ..slave.pool import RowPool, SavedRows
 from ..terrain.raster import Raster
+from .cloud import PLACED
 from .erosion import AROUND
 from .flow import OUTFLOWS
+from .meshes import Meshes
 from .tiles import BASE, FIELDS, FILL, HEAD, LONGEST_QUEUE, MARKS, SINKAGE, TILE, TILE_I, TILE_J
 from .wheel import COLUMNS, SUMS
 
 
 class SoilPool(RowPool):
-    """Tiles of soil; the kernels get ``rows, marks, head, ground, frame`` and, after them, arrays that hold nothing between two steps.
+    """Tiles of soil; the kernels get rows, marks and head, the undisturbed ground, the meshes, and memory that holds nothing between steps.
 
     Args:
         cell: Size of a cell [m].
-        spans: Largest horizontal distance from each tool's centre that its contact reads or changes [m].
+        span: Largest horizontal distance from a tool's middle that its contact reads or changes [m].
+        n_tools: Number of tools.
         limit: Most tiles there may be.
         base: The undisturbed ground; None: flat.
+        meshes: Surfaces of the tools.
     """
 
-    def __init__(self, cell: float, spans: list[float], limit: int, base: Raster | None):
-        n, span = len(spans), max(spans, default=0.0)
+    def __init__(self, cell: float, span: float, n_tools: int, limit: int, base: Raster | None, meshes: Meshes):
         tiles = math.ceil(2.0 * span / (cell * TILE)) + 2  # that a tool's surroundings may overlap along an axis
         across = math.ceil(2.0 * span / cell) + 3  # cells
-        memory = (
-            np.zeros((n, tiles, tiles), np.int64),  # grid: rows of the tiles around each tool
-            np.zeros((n, 2), np.int64),  # corner: its first tile
-            np.zeros((n, across * across, COLUMNS)),  # cells: those that each tool presses
-            np.zeros((n, SUMS)),
-            np.zeros((n, across, OUTFLOWS)),  # outflow
-            np.zeros((LONGEST_QUEUE, 2, AROUND, AROUND)),  # around: heights of each tile that slides
-            np.zeros((LONGEST_QUEUE, AROUND, AROUND)),  # moved
-            np.zeros((LONGEST_QUEUE, 4), np.int64),  # boxes
-        )
+        most = int(np.ptp(meshes.ranges, axis=1).max())  # elements of a tool
         ground, frame = (np.zeros((1, 1)), (0.0, 0.0, 1.0)) if base is None else (base.z, (*base.origin, base.spacing))
         super().__init__(
             (FIELDS, TILE, TILE),
             marks=MARKS,
             head=HEAD,
-            per_step=n * tiles * tiles + 32,
+            per_step=n_tools * tiles * tiles + 32,
             limit=limit,
-            extra=(ground, np.array(frame)),
-            scratch=memory,
+            extra=(ground, np.array(frame), meshes.elements, meshes.ranges, meshes.shapes),
+            scratch=(
+                np.zeros((n_tools, tiles, tiles), np.int64),  # grid: rows of the tiles around each tool
+                np.zeros((n_tools, 2), np.int64),  # corner: its first tile
+                np.zeros((n_tools, across * across, COLUMNS)),  # cells: those that each tool presses
+                np.zeros((n_tools, SUMS)),
+                np.zeros((n_tools, across, OUTFLOWS)),  # outflow
+                np.zeros((n_tools, most, PLACED)),  # placed: elements of each tool near the soil
+                np.zeros((n_tools, (across * across if most else 0) + most), np.int64),  # links: their chains
+                np.zeros((LONGEST_QUEUE, 2, AROUND, AROUND)),  # around: heights of each tile that slides
+                np.zeros((LONGEST_QUEUE, AROUND, AROUND)),  # moved
+                np.zeros((LONGEST_QUEUE, 4), np.int64),  # boxes
+            ),
         )
 
 

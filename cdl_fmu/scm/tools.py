@@ -12,7 +12,8 @@ from .heights import height_at
 from .tiles import base_height_at, let_slide, look_up, nearest, tile_of, touch
 from .wheel import ALONG_MAX, ALONG_MIN, CELLS, D_Z, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z
 
-_NEAR = 0.03  # [m] above the ground from which on a tool's tiles are made ready
+#: [m] above the ground from which on a tool's tiles are made ready.
+NEAR = 0.03
 
 
 @kernel
@@ -35,6 +36,13 @@ def wheel_inside(p, ground, frame, wheel):
 
 
 @kernel
+def patch_inside(p, ground, frame, r_0, patch):
+    """Whether all of the patch around a wheel at r_0 is on the map."""
+    reach_x, reach_y = 0.5 * p.patch_spacing * patch.z.shape[0], 0.5 * p.patch_spacing * patch.z.shape[1]
+    return inside(p, ground, frame, r_0[0] - reach_x, r_0[1] - reach_y) and inside(p, ground, frame, r_0[0] + reach_x, r_0[1] + reach_y)
+
+
+@kernel
 def _span(p, wheel):
     """Half extents [m] along the world's x and y of the soil that a wheel works on: its footprint and the ground that heaves around it."""
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
@@ -45,25 +53,31 @@ def _span(p, wheel):
 
 
 @kernel
-def is_near(p, rows, marks, head, ground, frame, wheel):
-    """Whether a wheel is close to the ground: its lowest point against the surface on a coarse raster below it."""
-    lowest = lowest_point(p, wheel) - p.h_g - _NEAR
+def approach(p, wheel, rows, marks, head, ground, frame, grid, corner, sums):
+    """Make the tiles of a wheel ready if it is near the ground, which CELLS = 0 in its sums says; False if the pool is full.
+
+    Near: its lowest point lies below the surface somewhere on a coarse raster below it, or little above.
+    """
+    lowest = lowest_point(p, wheel) - p.h_g - NEAR
     reach = p.r_w + p.h_g
+    near = False
     for i in range(-2, 3):
         for j in range(-2, 3):
             x, y = wheel.r_0[0] + 0.5 * i * reach, wheel.r_0[1] + 0.5 * j * reach
-            if height_at(p, rows, marks, head, ground, frame, x, y) > lowest:
-                return True
-    return False
-
-
-@kernel
-def prepare(p, wheel, rows, marks, head, ground, frame, grid, corner):
-    """Allocate and look up the tiles around a wheel; False if the pool is full."""
+            near = near or height_at(p, rows, marks, head, ground, frame, x, y) > lowest
+    if not near:
+        return True
     s_x, s_y = _span(p, wheel)
     r_0 = wheel.r_0
     i0, i1 = nearest(r_0[0] - s_x, p.cell), nearest(r_0[0] + s_x, p.cell)
     j0, j1 = nearest(r_0[1] - s_y, p.cell), nearest(r_0[1] + s_y, p.cell)
+    sums[CELLS] = 0.0
+    return make_ready(p, rows, marks, head, ground, frame, grid, corner, i0, i1, j0, j1)
+
+
+@kernel
+def make_ready(p, rows, marks, head, ground, frame, grid, corner, i0, i1, j0, j1):
+    """Allocate and look up the tiles under the cells [i0, i1] x [j0, j1]; False if the pool is full."""
     for a in range(tile_of(i0), tile_of(i1) + 1):
         for b in range(tile_of(j0), tile_of(j1) + 1):
             if touch(p, rows, marks, head, ground, frame, a, b) < 0:
@@ -73,36 +87,31 @@ def prepare(p, wheel, rows, marks, head, ground, frame, grid, corner):
 
 
 @kernel
-def rearrange(p, wheel, stamp, rows, marks, head, ground, frame, grid, corner, cells, sums, outflow):
-    """Soil dragged along and soil that heaves, and what may slide after it."""
+def rearrange(p, wheel, half, half_length, stamp, rows, marks, head, ground, frame, grid, corner, cells, sums, outflow):
+    """Soil dragged along and soil that heaves, and what may slide after it.
+
+    Args:
+        half, half_length: Half width and half length of the wheel [m].
+    """
     transport(sums, cells, stamp, rows, marks, grid, corner)
-    heave(p, sums, wheel, 0.5 * p.b_w, p.r_w, outflow, rows, grid, corner)
+    heave(p, sums, cells, wheel, half, half_length, outflow, rows, grid, corner)
     # The part of the wheel's surroundings that its footprint, the heave beside and ahead of it, and their neighbours fill.
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     l_x, l_y = wheel.T[1, 0] / level, wheel.T[1, 1] / level
-    near, far = 4.0 * p.cell, 0.5 * p.b_w + 4.0 * p.cell
+    near, far = 4.0 * p.cell, half + 4.0 * p.cell
     forward = wheel.v_0[0] * l_y - wheel.v_0[1] * l_x >= 0.0
     front, back = sums[ALONG_MAX] + (far if forward else near), sums[ALONG_MIN] - (near if forward else far)
     x, y = wheel.r_0[0] + 0.5 * (front + back) * l_y, wheel.r_0[1] - 0.5 * (front + back) * l_x
-    along, across = 0.5 * (front - back), 0.5 * p.b_w + far
+    along, across = 0.5 * (front - back), half + far
     s_x, s_y = along * abs(l_y) + across * abs(l_x), along * abs(l_x) + across * abs(l_y)
-    let_slide(
-        p,
-        rows,
-        marks,
-        head,
-        ground,
-        frame,
-        nearest(x - s_x, p.cell),
-        nearest(x + s_x, p.cell),
-        nearest(y - s_y, p.cell),
-        nearest(y + s_y, p.cell),
-    )
+    i0, i1 = nearest(x - s_x, p.cell), nearest(x + s_x, p.cell)
+    j0, j1 = nearest(y - s_y, p.cell), nearest(y + s_y, p.cell)
+    let_slide(p, rows, marks, head, ground, frame, i0, i1, j0, j1)
 
 
 @kernel
 def answer(p, wheel, sums, wrench, contact):
-    """Wrench and interface Jacobian from the sums of a wheel."""
+    """Wrench and interface Jacobian from the sums of a wheel; none where it is not near the ground."""
     T = wheel.T
     level = math.sqrt(T[1, 0] ** 2 + T[1, 1] ** 2)
     l_x, l_y = T[1, 0] / level, T[1, 1] / level

@@ -107,3 +107,21 @@ def trailing_in(n: int) -> Record:
     """Position of each of ``n`` wheels of other tiers, which want the heights around them."""
     meaning = "Position of the wheel's centre, resolved in world; (0, 0, 0): none yet, and no patch"
     return Record(trailing=Array(n, Record(r_0=Real(0.0, "m", meaning, (3,), -_BIG, _BIG))))
+
+
+def body_pose(n: int) -> Record:
+    """Pose and twist of ``n`` bodies other than wheels, about the origin of the body's mesh."""
+    return Record(body=Array(n, _pose_and_twist("the body")))
+
+
+def body_wrench(n: int) -> Record:
+    """Wrench on each of ``n`` bodies, about the origin of the body's mesh."""
+    return Record(
+        body=Array(
+            n,
+            Record(
+                f_0=Real(0.0, "N", "Contact force on the body, resolved in world", (3,)),
+                t_0=Real(0.0, "N.m", "Contact torque on the body about its origin, resolved in world", (3,)),
+            ),
+        )
+    )

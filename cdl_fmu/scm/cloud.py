@@ -1,0 +1,353 @@
+"""A closed surface of small flat elements on the soil's cells: meshed wheels, footpads, bellies, rocks.
+
+Each element presses with its plan area at its own depth, as the points of an analytic wheel do, on the cell whose node is nearest to it.
+What a cell is left with comes from its elements together: the share of its area that they cover, and a new floor.
+
+- Bearing elements face down. Faces steeper than pi/4 + phi/2, those of the rigid wedge below Prandtl's footing, do not press the soil down
+  but push it aside: they bear Rankine's passive earth pressure. So do the flanks of fine features, such as grousers; their tips press
+  but leave no mark of their own (see ``features``).
+- Where surfaces lie above one another, the lowest counts (Z-buffer): what is higher than one surface can be within a cell is hidden.
+
+Sums within a cell run in the order of the elements, sums over cells are exact, so forces do not depend on the order of work.
+All work reads the soil as it was at the step's begin and writes to the tool's own memory only, so tools can run in parallel.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..slave.kernel import kernel
+from ..terramechanics import flow_value
+from .features import FLANK, SURFACE, TIP
+from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
+from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
+from .wheel import (
+    ACROSS,
+    ALONG,
+    ALONG_MAX,
+    ALONG_MIN,
+    CELLS,
+    D_Z,
+    DEEPEST,
+    F_X,
+    F_Y,
+    F_Z,
+    FLOOR,
+    FLUX_X,
+    FLUX_Y,
+    J_X,
+    J_Y,
+    K_X,
+    K_Y,
+    K_Z,
+    MEAN,
+    ROW,
+    T_X,
+    T_Y,
+    T_Z,
+    A,
+    B,
+    clear,
+    deepest_of_table,
+    floor_slope,
+)
+
+#: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
+ELEMENT = 8
+#: Columns of those that are near the soil: centroid relative to the tool's origin and normal in world axes, area, kind.
+X, Y, Z, N_X, N_Y, N_Z, AREA, KIND = range(8)
+PLACED = 8
+#: Shape of a tool: middle and half sides of the box around its mesh [m], in the frame of the body, and its width b in Bekker's sense [m].
+MIDDLE, HALF, WIDTH = 0, 3, 6
+SHAPE = 7
+
+#: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
+_NOTHING = (0.0,) * 11
+_TOTAL = 1
+
+_ABOVE = 1.0  # cells above the level up to which elements are looked at
+_CLEARANCE = 0.2  # cells between tool and soil below which no soil slides in
+_LAYER = 3.0  # cells by which a surface no steeper than a bearing one can rise within a cell
+_UPWARD = 0.7  # upward normals up to which a flank can push
+
+
+@kernel
+def cloud_contact(
+    p,
+    tool,
+    side,
+    h_x,
+    h_y,
+    dragged_depth,
+    modulus,
+    table,
+    h,
+    stamp,
+    rows,
+    grid,
+    corner,
+    window,
+    elements,
+    range_,
+    placed,
+    links,
+    cells,
+    sums,
+):
+    """Stresses on a meshed tool with soil under it; the arguments and results are those of ``wheel_contact`` unless said otherwise.
+
+    Args:
+        tool: Its input record.
+        side: Displacement of its steep faces against the soil beside them [m], along and across, updated, [2].
+        h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
+        dragged_depth: Depth of the layer that it drags along [m].
+        window: Cells [i0, i1] x [j0, j1] around it.
+        elements: Those of all meshes, [n, ELEMENT]; from range_[0] to range_[1] - 1 they are this tool's.
+        placed, links: Memory for those near the soil, [n, PLACED], and for their chains: one entry a cell of the window, one an element.
+    """
+    clear(sums)
+    i0, i1, j0, j1 = window
+    n_j, next_ = j1 - j0 + 1, links.shape[0] - placed.shape[0]
+    steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
+    n_placed = _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
+    if n_placed == 0:
+        side[0] = side[1] = 0.0
+        return
+    r_0 = tool.r_0
+    cell, l_x, l_y = p.cell, -h_y, h_x
+    N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
+    damping = max(0.0, 1.0 - p.c_d * tool.v_0[2])  # Hunt & Crossley 1975, as in BCM
+    per_spacing, layer = (table.shape[1] - 1.0) / deepest_of_table(p), 0.5 * dragged_depth * h / cell
+    m_x, m_y, push = _displace(p, tool, side, h_x, h_y, h, placed, n_placed)
+    n = 0
+    for at in range((i1 - i0 + 1) * n_j):
+        start = links[at]
+        if start < 0:
+            continue
+        i, j = i0 + at // n_j, j0 + at % n_j
+        row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
+        fill = rows[row, FILL, a, b]
+        surface = rows[row, BASE, a, b] + fill - r_0[2]
+        d_x, d_y = i * cell - r_0[0], j * cell - r_0[1]
+        floor = floor_depth(rows, row, a, b)
+        slope_x, slope_y = floor_slope(p, rows, grid, corner, i, j, 1.0, 0.0), floor_slope(p, rows, grid, corner, i, j, 0.0, 1.0)
+        lowest = _lowest(steep, start, placed, links)
+
+        on_surface, on_tips = _NOTHING, _NOTHING
+        covered, depths, plastics, tilt_x, tilt_y, off_x, off_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        e = start
+        while e >= 0:
+            x, y, z = placed[e, X], placed[e, Y], placed[e, Z]
+            n_x, n_y, n_z, area = placed[e, N_X], placed[e, N_Y], placed[e, N_Z], placed[e, AREA]
+            plan, depth = -n_z * area, surface - z
+            bears = n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + _LAYER * cell
+            if bears and depth > 0.0:
+                before = max(floor + (x - d_x) * slope_x + (y - d_y) * slope_y, 0.0)
+                bearing = bearing_depth(p, depth, fill)
+                plastic = modulus * power(table, per_spacing, p.n, bearing)
+                if depth > before:
+                    sigma, rise = pressure(p, depth - before, bearing, plastic)
+                    if placed[e, KIND] == TIP:
+                        on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
+                    else:
+                        on_surface = _pressed(on_surface, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
+                if placed[e, KIND] == SURFACE:
+                    depths, plastics = depths + plan * depth, plastics + plan * plastic
+            if bears and placed[e, KIND] == SURFACE:
+                covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
+                tilt_x, tilt_y = tilt_x + plan * n_x / n_z, tilt_y + plan * n_y / n_z
+            elif placed[e, KIND] == FLANK or abs(n_z) < steep:
+                share = (m_x * n_x + m_y * n_y) * push
+                if share > 0.0:
+                    f = area * _passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner)
+                    _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
+                    sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
+                    sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
+            e = links[next_ + e]
+
+        j_x, j_y = 0.0, 0.0
+        if rows[row, STAMP, a, b] == stamp - 1.0:  # else it was not in contact
+            j_x, j_y = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]
+        if on_tips[_TOTAL] > 0.0:
+            _bear(p, tool, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
+        if on_surface[_TOTAL] <= 0.0:
+            # Not pressed; what is closely covered is held against landslides.
+            if covered > 0.0 and lowest - surface + rows[row, SINKAGE, a, b] < _CLEARANCE * cell:
+                cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
+                n += 1
+            continue
+        # Mean depth around the node: elements are a quarter of a cell apart, by which it would be off on a slope.
+        depths -= (tilt_x * off_x + tilt_y * off_y) / covered
+        whole_cell = min(p.k_e * (depths - covered * floor), plastics)  # as in ``wheel_contact``
+        if whole_cell > on_surface[_TOTAL]:
+            on_surface = _scaled(on_surface, whole_cell / on_surface[_TOTAL])
+        new_floor = max(floor, (depths - on_surface[_TOTAL] / p.k_e) / covered)
+        j_x, j_y, share, u_x, u_y = _bear(p, tool, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, h, sums)
+        cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
+        sums[DEEPEST] = max(sums[DEEPEST], new_floor - fill)
+        sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
+        cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
+        cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
+        cells[n, J_X], cells[n, J_Y] = j_x, j_y
+        cells[n, ALONG], cells[n, ACROSS] = along, (d_x + off_x / covered) * l_x + (d_y + off_y / covered) * l_y
+        # Soil dragged along by the surface: a layer whose speed falls linearly from the surface's to 0.
+        cells[n, FLUX_X], cells[n, FLUX_Y] = layer * share * cover * u_x, layer * share * cover * u_y
+        n += 1
+    sums[CELLS] = n
+
+
+@kernel(inline=True)
+def _pressed(pressed, x, y, z, n_x, n_y, n_z, plan, sigma, rise):
+    """What presses on a cell, and another element with its pressure [Pa] and the slope of that [Pa/m]."""
+    f, g_x, g_y = plan * sigma, n_x / n_z, n_y / n_z
+    area, total, stiffness, q_x, q_y, q_z, f_x, f_y, t_x, t_y, t_z = pressed
+    t_x, t_y, t_z = t_x + f * (y - z * g_y), t_y + f * (z * g_x - x), t_z + f * (x * g_y - y * g_x)
+    q_x, q_y, q_z = q_x + f * x, q_y + f * y, q_z + f * z
+    return area + plan, total + f, stiffness + plan * rise, q_x, q_y, q_z, f_x + f * g_x, f_y + f * g_y, t_x, t_y, t_z
+
+
+@kernel(inline=True)
+def _scaled(pressed, share):
+    """The same with pressures times a share."""
+    area, total, stiffness, q_x, q_y, q_z, f_x, f_y, t_x, t_y, t_z = pressed
+    total, stiffness, q_x, q_y, q_z = total * share, stiffness * share, q_x * share, q_y * share, q_z * share
+    return area, total, stiffness, q_x, q_y, q_z, f_x * share, f_y * share, t_x * share, t_y * share, t_z * share
+
+
+@kernel
+def _bear(p, tool, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
+    """Add the forces of a cell: its pressures, and shear on its mean surface.
+
+    Args:
+        pressed: What presses on it.
+        j_x, j_y: Shear displacement before the step [m].
+
+    Returns:
+        Shear displacement [m], mobilised share of the strength, and velocity against the soil [m/s], turned into the horizontal plane.
+    """
+    area, total, stiffness, q_x, q_y, q_z, p_x, p_y, t_x, t_y, t_z = pressed
+    l_x, l_y = -h_y, h_x
+    # The mean surface: where its pressure acts, and the inward normal along which it does.
+    x, y, z = q_x / total, q_y / total, q_z / total
+    length = math.sqrt(p_x * p_x + p_y * p_y + total * total)
+    n_x, n_y, n_z = p_x / length, p_y / length, total / length
+    u_x, u_y, u_z = _velocity(tool.v_0, tool.w_0, x, y, z)
+    normal = n_x * u_x + n_y * u_y + n_z * u_z
+    u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
+    # Displacements are kept as turned with the surface into the horizontal plane.
+    u_x, u_y = u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
+    j_x, j_y = remembered(p, j_x + h * u_x, j_y + h * u_y)
+    m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
+    drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
+    f_x, f_y = -drag * m_x, -drag * m_y
+    f_z = -(n_x * f_x + n_y * f_y)
+    _add(sums, h_x, h_y, x, y, z, f_x + n_x * f_z / (1.0 + n_z), f_y + n_y * f_z / (1.0 + n_z), f_z)
+    sums[F_X] += whole(damping * (p_x * h_x + p_y * h_y))
+    sums[F_Y] += whole(damping * (p_x * l_x + p_y * l_y))
+    sums[F_Z] += whole(damping * total)
+    sums[T_X] += whole(damping * (t_x * h_x + t_y * h_y))
+    sums[T_Y] += whole(damping * (t_x * l_x + t_y * l_y))
+    sums[T_Z] += whole(damping * t_z)
+    sums[K_X] += whole(drag)
+    sums[K_Y] += whole(drag)
+    sums[K_Z] += whole(stiffness * damping)
+    sums[D_Z] += whole(p.c_d * total)
+    return j_x, j_y, share, u_x, u_y
+
+
+@kernel
+def _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links):
+    """Turn and move the elements, and chain those near the soil to their cells, in their order; returns their number."""
+    T, r_0, cell = tool.T, tool.r_0, p.cell
+    n_j, next_ = j1 - j0 + 1, links.shape[0] - placed.shape[0]
+    top = -1e300
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            links[(i - i0) * n_j + j - j0] = -1
+            row = row_of(grid, corner, i, j)
+            top = max(top, rows[row, BASE, in_tile(i), in_tile(j)] + rows[row, FILL, in_tile(i), in_tile(j)])
+    above = _ABOVE * cell - r_0[2]
+    top += above
+    n = 0
+    for e in range(range_[1] - 1, range_[0] - 1, -1):  # a chain begins with what came last
+        x, y, z = elements[e, 0], elements[e, 1], elements[e, 2]
+        w_z = T[0, 2] * x + T[1, 2] * y + T[2, 2] * z
+        if w_z > top:
+            continue
+        n_x, n_y, n_z, kind = elements[e, 3], elements[e, 4], elements[e, 5], elements[e, 7]
+        m_z = T[0, 2] * n_x + T[1, 2] * n_y + T[2, 2] * n_z
+        if m_z > (_UPWARD if kind == FLANK else steep):
+            continue
+        w_x, w_y = T[0, 0] * x + T[1, 0] * y + T[2, 0] * z, T[0, 1] * x + T[1, 1] * y + T[2, 1] * z
+        i, j = nearest(r_0[0] + w_x, cell), nearest(r_0[1] + w_y, cell)
+        row = row_of(grid, corner, i, j)
+        if w_z > rows[row, BASE, in_tile(i), in_tile(j)] + rows[row, FILL, in_tile(i), in_tile(j)] + above:
+            continue
+        placed[n, X], placed[n, Y], placed[n, Z] = w_x, w_y, w_z
+        placed[n, N_X] = T[0, 0] * n_x + T[1, 0] * n_y + T[2, 0] * n_z
+        placed[n, N_Y] = T[0, 1] * n_x + T[1, 1] * n_y + T[2, 1] * n_z
+        placed[n, N_Z], placed[n, AREA], placed[n, KIND] = m_z, elements[e, 6], kind
+        at = (i - i0) * n_j + j - j0
+        links[next_ + n], links[at] = links[at], n
+        n += 1
+    return n
+
+
+@kernel(inline=True)
+def _velocity(v_0, w_0, x, y, z):
+    """Velocity [m/s] of a tool's point (x, y, z) [m]."""
+    return v_0[0] + w_0[1] * z - w_0[2] * y, v_0[1] + w_0[2] * x - w_0[0] * z, v_0[2] + w_0[0] * y - w_0[1] * x
+
+
+@kernel
+def _displace(p, tool, side, h_x, h_y, h, placed, n_placed):
+    """Move the steep faces on; returns the displacement that counts [m], in world axes, and the mobilised share by displacement [1/m].
+
+    Own choice: one displacement for the whole tool. Where it rolls, soil is left behind and replaced by soil that was not displaced yet,
+    so it relaxes over the length of contact, here the root of the plan area near the soil. Mobilised by K as the shear below the tool.
+    """
+    total, x, y, z = 0.0, 0.0, 0.0, 0.0
+    for e in range(n_placed):
+        plan = max(-placed[e, N_Z], 0.0) * placed[e, AREA]
+        total, x, y, z = total + plan, x + plan * placed[e, X], y + plan * placed[e, Y], z + plan * placed[e, Z]
+    if total > 0.0:
+        x, y, z = x / total, y / total, z / total
+    u_x, u_y, _ = _velocity(tool.v_0, tool.w_0, x, y, z)
+    rolling = math.hypot(tool.v_0[0] - u_x, tool.v_0[1] - u_y)
+    kept = 1.0 / (1.0 + rolling * h / max(math.sqrt(total), p.cell))
+    along, across = (side[0] + h * (u_x * h_x + u_y * h_y)) * kept, (side[1] + h * (u_y * h_x - u_x * h_y)) * kept
+    side[0], side[1] = remembered(p, along, across)
+    m_x, m_y, _, secant = mobilised(p, side[0] * h_x - side[1] * h_y, side[0] * h_y + side[1] * h_x, u_x, u_y)
+    return m_x, m_y, secant
+
+
+@kernel
+def _lowest(steep, start, placed, links):
+    """Height [m] of the lowest bearing surface among a cell's elements."""
+    lowest, e = 1e300, start
+    while e >= 0:
+        if placed[e, N_Z] <= -steep and placed[e, KIND] == SURFACE:
+            lowest = min(lowest, placed[e, Z])
+        e = links[links.shape[0] - placed.shape[0] + e]
+    return lowest
+
+
+@kernel
+def _passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner):
+    """Rankine's passive earth pressure [Pa] on a steep face: of the soil that it faces, whose surface is that of a cell further out."""
+    per_length = p.cell / max(math.sqrt(n_x * n_x + n_y * n_y), 1e-9)
+    i, j = nearest(r_0[0] + x + n_x * per_length, p.cell), nearest(r_0[1] + y + n_y * per_length, p.cell)
+    depth = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - z
+    return p.rho * p.gravity * depth * N_phi + 2.0 * p.c * math.sqrt(N_phi) if depth > 0.0 else 0.0  # Eq. (8.8)
+
+
+@kernel(inline=True)
+def _add(sums, h_x, h_y, x, y, z, f_x, f_y, f_z):
+    """Add a force [N] at a point [m] relative to the tool's origin, both in world axes."""
+    t_x, t_y = y * f_z - z * f_y, z * f_x - x * f_z
+    sums[F_X] += whole(f_x * h_x + f_y * h_y)
+    sums[F_Y] += whole(f_y * h_x - f_x * h_y)
+    sums[F_Z] += whole(f_z)
+    sums[T_X] += whole(t_x * h_x + t_y * h_y)
+    sums[T_Y] += whole(t_y * h_x - t_x * h_y)
+    sums[T_Z] += whole(x * f_y - y * f_x)
