@@ -61,7 +61,7 @@ def test_mirrored_motion_meets_mirrored_forces_to_the_last_bit(heading):
 
 
 def test_mirrored_heave():
-    left, right = (on_soil(camber=0.05 * side, ahead=0).move(1.0, forward=0.1, sideways=0.01 * side, rate=1.0) for side in (1, -1))
+    left, right = (on_soil(camber=0.05 * side).move(1.0, forward=0.1, sideways=0.01 * side, rate=1.0) for side in (1, -1))
     assert left == pytest.approx(right * MIRRORED, abs=1e-5)
 
 

@@ -20,7 +20,7 @@ from ..slave.kernel import kernel
 from ..terramechanics import flow_value
 from .features import FLANK, SURFACE, TIP
 from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
+from .tiles import BASE, FILL, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
 from .wheel import (
     ACROSS,
     ALONG,
@@ -32,6 +32,7 @@ from .wheel import (
     F_X,
     F_Y,
     F_Z,
+    FIRST,
     FLOOR,
     FLUX_X,
     FLUX_Y,
@@ -188,6 +189,8 @@ def cloud_contact(
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
+        for k in range(POINTS):
+            cells[n, FIRST + k] = new_floor
         cells[n, J_X], cells[n, J_Y] = j_x, j_y
         cells[n, ALONG], cells[n, ACROSS] = along, (d_x + off_x / covered) * l_x + (d_y + off_y / covered) * l_y
         # Soil dragged along by the surface: a layer whose speed falls linearly from the surface's to 0.

@@ -11,8 +11,25 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from .tiles import FILL, RATIO, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, TILE_I, TILE_J, add_soil, in_tile, nearest, quantised, row_of
-from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FLOOR, FLUX_X, FLUX_Y, J_X, J_Y, MEAN, ROW, A, B
+from .tiles import (
+    FILL,
+    POINT,
+    POINTS,
+    RATIO,
+    SHEAR_X,
+    SHEAR_Y,
+    SINKAGE,
+    STAMP,
+    TILE,
+    TILE_I,
+    TILE_J,
+    add_soil,
+    in_tile,
+    nearest,
+    quantised,
+    row_of,
+)
+from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FIRST, FLOOR, FLUX_X, FLUX_Y, J_X, J_Y, MEAN, ROW, A, B
 
 #: Outflow of a footprint by strip: volume to the right and to the left, depth of the strip; volume ahead by column.
 RIGHT, LEFT, DEPTH, AHEAD = range(4)
@@ -41,6 +58,8 @@ def press(p, sums, cells, stamp, rows, marks):
         after = max(before, quantised(cells[n, MEAN]))
         rows[row, SINKAGE, a, b] = after
         rows[row, RATIO, a, b] = max(cells[n, FLOOR] / after, 1.0) if after > 0.0 else 1.0
+        for k in range(POINTS):
+            rows[row, POINT + k, a, b] = cells[n, FIRST + k] / after if after > 0.0 else 1.0
         rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b] = cells[n, J_X], cells[n, J_Y]
         rows[row, STAMP, a, b] = stamp
         displaced = quantised(p.plasticity * (after - before))
@@ -101,7 +120,7 @@ def heave(p, sums, cells, wheel, half, half_length, outflow, rows, grid, corner)
     for k in range(outflow.shape[0]):
         height = outflow[k, AHEAD]
         if height > 0.0:
-            across = (k - 0.5) * cell - half
+            across = (k - outflow.shape[0] // 2) * cell
             x, y = r_0[0] + front * h_x - across * h_y, r_0[1] + front * h_y + across * h_x
             _spread(p, height, x, y, forward * h_x, forward * h_y, wedge * deepest, half, rows, grid, corner)
 
@@ -122,7 +141,7 @@ def _flow_out(p, sums, cells, half, half_length, outflow):
         if displaced > 0.0:
             # The footprint of a cambered wheel lies partly beside its middle's.
             strip = max(math.floor((cells[n, ALONG] + half_length) / p.cell), -1) + 1
-            column = max(math.floor((cells[n, ACROSS] + half) / p.cell), -1) + 1
+            column = math.floor(cells[n, ACROSS] / p.cell + 0.5) + outflow.shape[0] // 2
             ahead = quantised(p.ahead * displaced)
             left = quantised((displaced - ahead) * min(max(0.5 + 0.5 * cells[n, ACROSS] / half, 0.0), 1.0))
             outflow[column, AHEAD] += ahead

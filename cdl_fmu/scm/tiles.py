@@ -22,7 +22,9 @@ SINKAGE = 2  # [m] plastic sinkage, mean of the cell
 RATIO = 3  # [1] plastic sinkage of the part of the cell that a tool pressed over that of the whole cell, at least 1
 SHEAR_X, SHEAR_Y = 4, 5  # [m] shear displacement of tool against soil, in world axes
 STAMP = 6  # [1] number of the last step in which a tool pressed on the cell
-FIELDS = 7
+POINT = 7  # [1] sinkage of four points along the heading of the tool that pressed the cell last, over that of the cell
+POINTS = 4
+FIELDS = POINT + POINTS
 
 #: Marks of a tile: 0 is the pool's own; indices, next tile in the chain of its hash, box of cells that may slide [i0, i1] x [j0, j1].
 TILE_I, TILE_J, NEXT, BOX = 1, 2, 3, 4
@@ -98,6 +100,8 @@ def touch(p, rows, marks, head, ground, frame, ti, tj):
             for field in range(FILL, FIELDS):
                 rows[row, field, i, j] = 0.0
             rows[row, RATIO, i, j] = 1.0
+            for k in range(POINTS):
+                rows[row, POINT + k, i, j] = 1.0
             rows[row, STAMP, i, j] = -1.0
     return row
 

@@ -16,16 +16,15 @@ from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
 from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
+from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
 
 #: Columns of a tool's list of pressed cells.
-ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y = range(11)
-COLUMNS = 11
+ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(12)
+COLUMNS = FIRST + POINTS
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells.
 F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
 SUMS = 14
 
-_POINTS = 4  # along the heading in a cell
 _CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
 _STEEPEST = 0.995  # share of the radius up to which the rim counts as a lower surface
 
@@ -122,7 +121,7 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
     reach = shear_radius(p, N_phi) / r  # the shear surface's radius over the rim's
     damping = max(0.0, 1.0 - p.c_d * v_z)  # Hunt & Crossley 1975, as in BCM
     n_exp, per_k_e, per_level, per_spacing = p.n, 1.0 / p.k_e, 1.0 / level, (table.shape[1] - 1.0) / deepest_of_table(p)
-    step, point = cell / _POINTS, cell * cell / _POINTS
+    step, point = cell / POINTS, cell * cell / POINTS
     dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
     per_r, least, layer = 1.0 / r, (1.0 - _STEEPEST**2) * r * r, 0.5 * dragged_depth * h / cell
 
@@ -149,27 +148,27 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             if cover <= 0.0:
                 continue
             floor = floor_depth(rows, row, a, b)
-            slope = floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
+            kept = rows[row, STAMP, a, b] == stamp - 1.0
+            slope = 0.0 if kept else floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
+            sinkage = rows[row, SINKAGE, a, b]
             if cover < 1.0:  # the middle of the covered part
                 across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
             across_tilt = across * tilt
-            total, moment, stiffness, f_x, t_y, depths, plastics = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(_POINTS):
+            total, moment, floors, stiffness, f_x, t_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(POINTS):
                 offset = (k + 0.5) * step - 0.5 * cell
                 x = along + offset
-                before = max(floor + slope * offset, 0.0)
+                before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * offset, 0.0)
+                after = before
                 square = r * r - x * x
                 if square > least:
                     root = math.sqrt(square)
                     z = (across_tilt - root) * per_level
                     depth = surface - z
-                    if depth > 0.0:
-                        bearing = bearing_depth(p, depth, fill)
-                        plastic = modulus * power(table, per_spacing, n_exp, bearing)
-                        depths += depth
-                        plastics += plastic
                     if depth > before:
-                        sigma, rise = pressure(p, depth - before, bearing, plastic)
+                        bearing = bearing_depth(p, depth, fill)
+                        sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, n_exp, bearing))
+                        after = max(before, depth - sigma * per_k_e)
                         # Pressure of the side below a tilted rim cancels its push across, as in BCM: no force across.
                         push = -sigma * x / root * per_level
                         f_x += push
@@ -177,12 +176,8 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
                         total += sigma
                         moment += sigma * x
                         stiffness += rise
-            # The cell as a whole bears at least what its mean depth below its mean floor says: the floor's shape within the cell is a guess
-            # that is good for where it is unloaded, but by itself would let a standing wheel's force decay.
-            whole_cell = min(p.k_e * (depths - _POINTS * floor), plastics)
-            if whole_cell > total > 0.0:
-                share = whole_cell / total
-                total, moment, stiffness, f_x, t_y = whole_cell, moment * share, stiffness * share, f_x * share, t_y * share
+                floors += after
+                cells[n, FIRST + k] = after
             if total <= 0.0:
                 # Not pressed; what is closely covered is held against landslides.
                 gap = (across_tilt - math.sqrt(max(r * r - along * along, 0.0))) * per_level - surface + rows[row, SINKAGE, a, b]
@@ -220,7 +215,7 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
             sums[K_Y] += whole(drag)
             sums[K_Z] += whole(stiffness * area * damping)
             sums[D_Z] += whole(p.c_d * total * area)
-            pressed = max(floor, (depths - total * per_k_e) / _POINTS)
+            pressed = floors / POINTS
             sums[DEEPEST] = max(sums[DEEPEST], pressed - fill)
             sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
             cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
