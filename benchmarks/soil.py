@@ -81,9 +81,8 @@ def main() -> None:
     _, soil = rolling(1, steps=100_000, speed=1.0)
     tiles = int(soil.pool.head[0])
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    print(
-        f"100 m straight, unbounded map    {tiles} tiles, {tiles * soil.pool.rows[0].nbytes / 2**20:.0f} MiB used; process grew by {grown:.0f} MiB"
-    )
+    used = tiles * soil.pool.rows[0].nbytes / 2**20
+    print(f"100 m straight, unbounded map    {tiles} tiles, {used:.0f} MiB used; process grew by {grown:.0f} MiB")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cdl_fmu import SCM, Instance
 from cdl_fmu.scm.pool import SoilPool
 from cdl_fmu.scm.tiles import BASE, SINKAGE, TILE, TILE_I, TILE_J
 from cdl_fmu.slave.state import State
@@ -24,7 +25,8 @@ def component(name, model):
 
 def state(tiles):
     """What a slave gives whose soil has these tiles {(i, j): sinkage [m]} at a height of 1 m."""
-    pool = SoilPool(CELL, [0.2], 100, None, (0.0, 0.0, 1.0))
+    model = SCM()
+    pool = model.make_pool(Instance(model, cell=CELL).p, {})
     rows, marks, head = pool.arrays[:3]
     for row, ((i, j), sinkage) in enumerate(tiles.items()):
         rows[row, BASE], rows[row, SINKAGE] = 1.0, sinkage
