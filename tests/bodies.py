@@ -42,7 +42,7 @@ class Bodies:
         self.instance = Instance(SCM(1, 0, N_BODIES), "scm", **files, **parameters)
         self.instance.u.wheel["active"] = 0.0
         for i in range(N_BODIES):
-            self.place(i, 0.5 * i, 0.0, 5.0)
+            self.place(i, 0.0, 0.0, 5.0 + i)
         self.instance.initialise()
 
     def place(self, i, x, y, z, pitch=0.0, roll=0.0, yaw=0.0):

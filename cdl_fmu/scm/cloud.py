@@ -1,7 +1,8 @@
 """A closed surface of small flat elements on the soil's cells: meshed wheels, footpads, bellies, rocks.
 
-Each element presses with its plan area at its own depth, as the points of an analytic wheel do, on the cell whose node is nearest to it.
-What a cell is left with comes from its elements together: the share of its area that they cover, and a new floor.
+An element is worked on the cell whose node is nearest to it, and there stands for the nearest of the cell's points along the tool's
+heading (a body's: world x). Those of one point press together, at their mean depth; each bears its plan area's share, along its own
+normal. The area that the elements cover is the cell's coverage.
 
 - Bearing elements face down. Faces steeper than pi/4 + phi/2, those of the rigid wedge below Prandtl's footing, do not press the soil down
   but push it aside: they bear Rankine's passive earth pressure. So do the flanks of fine features, such as grousers; their tips press
@@ -18,9 +19,9 @@ import math
 
 from ..slave.kernel import kernel
 from ..terramechanics import flow_value
-from .features import FLANK, SURFACE, TIP
+from .features import FLANK, SURFACE
 from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
+from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
 from .wheel import (
     ACROSS,
     ALONG,
@@ -55,9 +56,10 @@ from .wheel import (
 
 #: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
 ELEMENT = 8
-#: Columns of those that are near the soil: centroid relative to the tool's origin and normal in world axes, area, kind.
-X, Y, Z, N_X, N_Y, N_Z, AREA, KIND = range(8)
-PLACED = 8
+#: Columns of those that are near the soil: centroid relative to the tool's origin and normal in world axes, area, kind, and the
+#: point of the cell that they stand for, if they bear.
+X, Y, Z, N_X, N_Y, N_Z, AREA, KIND, AT = range(9)
+PLACED = 9
 #: Shape of a tool: middle and half sides of the box around its mesh [m], in the frame of the body, and its width b in Bekker's sense [m].
 MIDDLE, HALF, WIDTH = 0, 3, 6
 SHAPE = 7
@@ -65,6 +67,8 @@ SHAPE = 7
 #: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
 _NOTHING = (0.0,) * 11
 _TOTAL = 1
+#: While a cell is looked at, columns of its row hold the plan area [m2], then the pressure [Pa], of each of its points.
+_PLAN = _SIGMA = J_X
 
 _ABOVE = 1.0  # cells above the level up to which elements are looked at
 _CLEARANCE = 0.2  # cells between tool and soil below which no soil slides in
@@ -130,33 +134,38 @@ def cloud_contact(
         fill = rows[row, FILL, a, b]
         surface = rows[row, BASE, a, b] + fill - r_0[2]
         d_x, d_y = i * cell - r_0[0], j * cell - r_0[1]
-        floor = floor_depth(rows, row, a, b)
-        slope_x, slope_y = floor_slope(p, rows, grid, corner, i, j, 1.0, 0.0), floor_slope(p, rows, grid, corner, i, j, 0.0, 1.0)
+        kept, slope = rows[row, STAMP, a, b] == stamp - 1.0, 0.0
+        floor, sinkage = floor_depth(rows, row, a, b), rows[row, SINKAGE, a, b]
+        if not kept:
+            slope = floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
         lowest = _lowest(steep, start, placed, links)
+        for k in range(POINTS):
+            cells[n, FIRST + k] = cells[n, _PLAN + k] = 0.0
 
-        on_surface, on_tips = _NOTHING, _NOTHING
-        covered, depths, plastics, tilt_x, tilt_y, off_x, off_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        on_tips, covered, off_x, off_y = _NOTHING, 0.0, 0.0, 0.0
         e = start
         while e >= 0:
             x, y, z = placed[e, X], placed[e, Y], placed[e, Z]
             n_x, n_y, n_z, area = placed[e, N_X], placed[e, N_Y], placed[e, N_Z], placed[e, AREA]
-            plan, depth = -n_z * area, surface - z
-            bears = n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + _LAYER * cell
-            if bears and depth > 0.0:
-                before = max(floor + (x - d_x) * slope_x + (y - d_y) * slope_y, 0.0)
-                bearing = bearing_depth(p, depth, fill)
-                plastic = modulus * power(table, per_spacing, p.n, bearing)
-                if depth > before:
-                    sigma, rise = pressure(p, depth - before, bearing, plastic)
-                    if placed[e, KIND] == TIP:
-                        on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
-                    else:
-                        on_surface = _pressed(on_surface, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
+            placed[e, AT] = -1.0
+            if n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + _LAYER * cell:
+                plan, along, across = -n_z * area, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
+                k = min(max(int((along / cell + 0.5) * POINTS), 0), POINTS - 1)
                 if placed[e, KIND] == SURFACE:
-                    depths, plastics = depths + plan * depth, plastics + plan * plastic
-            if bears and placed[e, KIND] == SURFACE:
-                covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
-                tilt_x, tilt_y = tilt_x + plan * n_x / n_z, tilt_y + plan * n_y / n_z
+                    # Its depth where the point is, on its plane.
+                    rise_along, rise_across = -(n_x * h_x + n_y * h_y) / n_z, -(n_x * l_x + n_y * l_y) / n_z
+                    z += (_place_of(k) * cell - along) * rise_along - across * rise_across
+                    cells[n, FIRST + k] += plan * (surface - z)
+                    cells[n, _PLAN + k] += plan
+                    placed[e, AT] = k
+                    covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
+                else:
+                    depth = surface - z
+                    before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
+                    if depth > before:
+                        bearing = bearing_depth(p, depth, fill)
+                        sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
+                        on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 share = (m_x * n_x + m_y * n_y) * push
                 if share > 0.0:
@@ -166,31 +175,49 @@ def cloud_contact(
                     sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
             e = links[next_ + e]
 
+        # Elements around a point press together, as one would: their depths differ by more than soil yields elastically.
+        new_floor, n_points, total, stiffness = 0.0, 0, 0.0, 0.0
+        for k in range(POINTS):
+            plan, sigma = cells[n, _PLAN + k], 0.0
+            before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
+            after = before
+            if plan > 0.0:
+                depth = cells[n, FIRST + k] / plan
+                if depth > before:
+                    bearing = bearing_depth(p, depth, fill)
+                    sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
+                    after = max(before, depth - sigma / p.k_e)
+                    total, stiffness = total + plan * sigma, stiffness + plan * rise
+                new_floor, n_points = new_floor + after, n_points + 1
+            cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
+
         j_x, j_y = 0.0, 0.0
-        if rows[row, STAMP, a, b] == stamp - 1.0:  # else it was not in contact
+        if kept:  # else it was not in contact
             j_x, j_y = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]
         if on_tips[_TOTAL] > 0.0:
             _bear(p, tool, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
-        if on_surface[_TOTAL] <= 0.0:
+        if total <= 0.0:
             # Not pressed; what is closely covered is held against landslides.
-            if covered > 0.0 and lowest - surface + rows[row, SINKAGE, a, b] < _CLEARANCE * cell:
+            if covered > 0.0 and lowest - surface + sinkage < _CLEARANCE * cell:
                 cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
                 n += 1
             continue
-        # Mean depth around the node: elements are a quarter of a cell apart, by which it would be off on a slope.
-        depths -= (tilt_x * off_x + tilt_y * off_y) / covered
-        whole_cell = min(p.k_e * (depths - covered * floor), plastics)  # as in ``wheel_contact``
-        if whole_cell > on_surface[_TOTAL]:
-            on_surface = _scaled(on_surface, whole_cell / on_surface[_TOTAL])
-        new_floor = max(floor, (depths - on_surface[_TOTAL] / p.k_e) / covered)
+        new_floor /= n_points
+        on_surface = (0.0, 0.0, stiffness, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        e = start
+        while e >= 0:
+            k = int(placed[e, AT])
+            if k >= 0 and cells[n, _SIGMA + k] > 0.0:
+                n_x, n_y, n_z = placed[e, N_X], placed[e, N_Y], placed[e, N_Z]
+                plan = -n_z * placed[e, AREA]
+                on_surface = _pressed(on_surface, placed[e, X], placed[e, Y], placed[e, Z], n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
+            e = links[next_ + e]
         j_x, j_y, share, u_x, u_y = _bear(p, tool, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, h, sums)
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
         sums[DEEPEST] = max(sums[DEEPEST], new_floor - fill)
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
-        for k in range(POINTS):
-            cells[n, FIRST + k] = new_floor
         cells[n, J_X], cells[n, J_Y] = j_x, j_y
         cells[n, ALONG], cells[n, ACROSS] = along, (d_x + off_x / covered) * l_x + (d_y + off_y / covered) * l_y
         # Soil dragged along by the surface: a layer whose speed falls linearly from the surface's to 0.
@@ -210,11 +237,9 @@ def _pressed(pressed, x, y, z, n_x, n_y, n_z, plan, sigma, rise):
 
 
 @kernel(inline=True)
-def _scaled(pressed, share):
-    """The same with pressures times a share."""
-    area, total, stiffness, q_x, q_y, q_z, f_x, f_y, t_x, t_y, t_z = pressed
-    total, stiffness, q_x, q_y, q_z = total * share, stiffness * share, q_x * share, q_y * share, q_z * share
-    return area, total, stiffness, q_x, q_y, q_z, f_x * share, f_y * share, t_x * share, t_y * share, t_z * share
+def _place_of(k):
+    """Distance of a cell's point from its node along the heading, in cells."""
+    return (k + 0.5) / POINTS - 0.5
 
 
 @kernel

@@ -152,7 +152,7 @@ def _flow_out(p, sums, cells, half, half_length, outflow):
 
 @kernel
 def heave_around(p, sums, cells, body, widest, window, stamp, rows, marks, grid, corner):
-    """Put down what a body displaced around its footprint: along the ray from its middle through each cell, from its edge on.
+    """Put down what a body displaced around its footprint: along rays from its middle, from its edge on.
 
     Args:
         widest: Largest width of the heaved ground [m].
@@ -169,16 +169,17 @@ def heave_around(p, sums, cells, body, widest, window, stamp, rows, marks, grid,
         displaced = cells[n, DISPLACED]
         if displaced > 0.0:
             x, y = _node(p, cells, n, marks)
-            d_x, d_y = x - body.r_0[0] - x_m / n_pressed, y - body.r_0[1] - y_m / n_pressed
-            distance, width = math.hypot(d_x, d_y), _wedge(p) * cells[n, FLOOR]
-            if distance > 0.1 * p.cell:
-                _outwards(p, displaced, x, y, d_x / distance, d_y / distance, width, widest, inner, stamp, rows, grid, corner)
-                continue
-            quarter = quantised(0.25 * displaced)  # the very middle: to all sides
-            _outwards(p, displaced - 3.0 * quarter, x, y, 1.0, 0.0, width, widest, inner, stamp, rows, grid, corner)
-            _outwards(p, quarter, x, y, -1.0, 0.0, width, widest, inner, stamp, rows, grid, corner)
-            _outwards(p, quarter, x, y, 0.0, 1.0, width, widest, inner, stamp, rows, grid, corner)
-            _outwards(p, quarter, x, y, 0.0, -1.0, width, widest, inner, stamp, rows, grid, corner)
+            # By quarters of the cell: all that lies on one ray would heap up at its end.
+            quarter = quantised(0.25 * displaced)
+            for k in range(4):
+                q_x, q_y = x + (0.25 if k % 2 else -0.25) * p.cell, y + (0.25 if k // 2 else -0.25) * p.cell
+                d_x, d_y = q_x - body.r_0[0] - x_m / n_pressed, q_y - body.r_0[1] - y_m / n_pressed
+                distance, part = math.hypot(d_x, d_y), quarter if k else displaced - 3.0 * quarter
+                if distance > 0.0:
+                    d_x, d_y = d_x / distance, d_y / distance
+                else:
+                    d_x, d_y = 1.0, 0.0
+                _outwards(p, part, q_x, q_y, d_x, d_y, _wedge(p) * cells[n, FLOOR], widest, inner, stamp, rows, grid, corner)
 
 
 @kernel(inline=True)
@@ -191,7 +192,7 @@ def _node(p, cells, n, marks):
 @kernel
 def _outwards(p, height, x, y, d_x, d_y, width, widest, inner, stamp, rows, grid, corner):
     """Put down a height [m] on one cell's area in the direction d from (x, y), from the first cell on that no tool is on."""
-    step = 0.5 * p.cell
+    step = 0.3 * p.cell
     while True:
         x, y = x + step * d_x, y + step * d_y
         i, j = nearest(x, p.cell), nearest(y, p.cell)
