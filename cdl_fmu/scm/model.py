@@ -161,7 +161,10 @@ class SCM(KernelModel):
                     f"give {name.replace('mesh', 'b')} above {-p.k_c / p.k_phi:.4g} m, or another soil"
                 )
         reach = math.hypot(p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell, p.b_w + 4.0 * p.cell)
-        base = load_raster(files["base"]) if "base" in files else None
+        try:
+            base = load_raster(files["base"]) if "base" in files else None
+        except ModelError as error:
+            raise ModelError(f"base = {error}") from None
         return SoilPool(p.cell, max(reach, meshes.reach + 5.0 * p.cell), n_wheels + n_bodies, int(p.max_tiles), base, meshes)
 
 
