@@ -83,8 +83,8 @@ def test_a_heap_comes_to_rest_at_the_angle_of_repose_in_every_direction(degrees,
     wait_for_rest(instance)
     assert fields(instance, FILL).sum() == mass
     found = np.degrees(slopes(instance, surface(instance).z[~np.isnan(surface(instance).z)].max()))
-    assert found == pytest.approx(degrees, abs=0.3)
-    assert np.ptp(found) < 0.3
+    assert found == pytest.approx(degrees, abs=0.6)
+    assert np.ptp(found) < 0.7
     straight, _ = excess(instance)
     assert straight < 0.01
 
@@ -119,8 +119,9 @@ def test_shallower_soil_stays_where_it_is():
     assert np.array_equal(fields(instance, FILL), before)
 
 
-@pytest.mark.parametrize(("cell", "milliseconds"), [(0.01, 250), (0.005, 1500)])
-@pytest.mark.parametrize("degrees", [25, 36.7, 40])
+@pytest.mark.parametrize(
+    ("degrees", "cell", "milliseconds"), [(25, 0.01, 80), (36.7, 0.01, 50), (40, 0.01, 50), (25, 0.005, 400), (36.7, 0.005, 400)]
+)
 def test_a_rut_comes_to_rest_when_its_wheel_is_lifted_off(degrees, cell, milliseconds):
     carriage = on_soil(cell=cell, repose=math.radians(degrees))
     carriage.move(1.0, forward=0.1, sideways=0.03, rate=1.0)
@@ -130,13 +131,14 @@ def test_a_rut_comes_to_rest_when_its_wheel_is_lifted_off(degrees, cell, millise
     carriage.move(1e-3 * milliseconds)
     straight, diagonal = excess(carriage.instance)
     assert straight < 0.01
-    assert diagonal < 0.2
+    assert diagonal < 0.01
+    carriage.move(0.3)
     assert carriage.instance.pool.head[SLIDING] == 0
     assert volume_error(carriage.instance) == 0.0
 
 
 def test_soil_behind_a_rolling_wheel_has_slid_to_rest_after_50_ms():
-    carriage = on_soil(erosion_interval=2.5e-4)
+    carriage = on_soil()
     for _ in range(40):
         carriage.move(0.025, forward=0.1, rate=1.0)
         assert excess(carriage.instance, waited=50)[0] < 0.02

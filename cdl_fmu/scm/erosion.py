@@ -31,8 +31,11 @@ from .tiles import (
     surface_height,
 )
 
-_SHARE = 0.22  # of the excess across a face that flows in a sweep; 0.25 is the limit of stability
-_FASTEST = 0.05  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
+#: Share of the excess across a face that flows in a sweep: near the angle of repose soil flows along the gradient alone, and 0.5 is the
+#: limit of stability; on steep slopes it flows to all sides, and 0.25 is.
+_SHARE_STEEP, _SHARE_GENTLE = 0.2, 0.45
+_SHARE_CORNER = 0.2  # the same between two cells that share a corner
+_FASTEST = 0.08  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
 _AT_REST = 0.004  # excess of the slope that stays: below the 0.01 of a cell that is asked for
 _REACH = 2  # cells around one that moved whose faces feel it
 #: Width of the surroundings of a tile: a cell on each side.
@@ -55,6 +58,7 @@ def slide(p, rows, marks, head, ground, frame, stamp, k, around, moved):
             moved[i, j] = 0.0
     tan_repose = math.tan(p.repose)
     low = ((tan_repose + _AT_REST) * p.cell) ** 2
+    corner = (math.sqrt(2.0) * tan_repose + 2.0 * _AT_REST) * p.cell
     for i in range(i0 - 1, i1 + 1):
         for j in range(j0 - 1, j1 + 1):
             here, beside, before, beyond = around[0, i, j], around[0, i + 1, j], around[0, i, j + 1], around[0, i + 1, j + 1]
@@ -72,12 +76,34 @@ def slide(p, rows, marks, head, ground, frame, stamp, k, around, moved):
                     flow = _flow(p, n, t, tan_repose)
                     moved[i, j] -= flow
                     moved[i, j + 1] += flow
+            # Across corners: only where the faces leave an edge that is too steep.
+            n = here - beyond
+            if abs(n) > corner and around[1, i, j] + around[1, i + 1, j + 1] == 0.0:
+                flow = _corner_flow(p, n, tan_repose)
+                moved[i, j] -= flow
+                moved[i + 1, j + 1] += flow
+            n = beside - before
+            if abs(n) > corner and around[1, i + 1, j] + around[1, i, j + 1] == 0.0:
+                flow = _corner_flow(p, n, tan_repose)
+                moved[i + 1, j] -= flow
+                moved[i, j + 1] += flow
 
 
 @kernel(inline=True)
 def _flow(p, n, t, tan_repose):
     """Height [m] that flows across a face with the differences of height n across and t along it [m per cell]."""
-    flow = _SHARE * n * (1.0 - tan_repose * p.cell / math.sqrt(n * n + t * t))
+    ratio = tan_repose * p.cell / math.sqrt(n * n + t * t)
+    return _limited(p, (_SHARE_STEEP + (_SHARE_GENTLE - _SHARE_STEEP) * ratio) * n * (1.0 - ratio))
+
+
+@kernel(inline=True)
+def _corner_flow(p, n, tan_repose):
+    """The same across a corner, with the difference n of the heights of the cells [m]."""
+    return _limited(p, math.copysign(_SHARE_CORNER * (abs(n) - (math.sqrt(2.0) * tan_repose + _AT_REST) * p.cell), n))
+
+
+@kernel(inline=True)
+def _limited(p, flow):
     return quantised(min(max(flow, -_FASTEST * p.cell), _FASTEST * p.cell))
 
 
