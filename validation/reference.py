@@ -53,7 +53,8 @@ def simulate_reference(
     state[:_FREE] = start.x, start.y, start.z, start.yaw, start.pitch
     records = np.zeros((n // every + 1, _N * 6 + 4))
     rover_p, driver_p = rover.arrays[0], driver.arrays[0]
-    status, step = _integrate(contact.model.step_kernel, *contact.arrays, rover_p, driver_p, state, dt, n, every, records)
+    memory = np.zeros((2, state.size, state.size)), np.zeros((4, state.size)), np.zeros(state.size)
+    status, step = _integrate(contact.model.step_kernel, *contact.arrays, rover_p, driver_p, state, dt, n, every, records, *memory)
     if status:
         contact.step(step * dt, dt)  # again, to raise its message
         raise ModelError(f"{contact.name}: stopped at t = {step * dt:g} s: {'; '.join(contact.warnings)}")
@@ -63,9 +64,8 @@ def simulate_reference(
 
 
 @kernel
-def _integrate(contact_step, P, U, X, Y, ROVER, DRIVER, s, dt, n, every, records):
-    """RK4 from s over n steps; returns (status of the contact model, step)."""
-    work, k, stage = np.zeros((2, s.size, s.size)), np.zeros((4, s.size)), np.zeros(s.size)
+def _integrate(contact_step, P, U, X, Y, ROVER, DRIVER, s, dt, n, every, records, work, k, stage):
+    """RK4 from s over n steps, in the memory of work, k and stage; returns (status of the contact model, step)."""
     driver = DRIVER[0]
     n_passed = 0.0
     for step in range(n + 1):
