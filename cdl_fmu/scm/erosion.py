@@ -35,7 +35,7 @@ from .tiles import (
 #: limit of stability; on steep slopes it flows to all sides, and 0.25 is.
 _SHARE_STEEP, _SHARE_GENTLE = 0.2, 0.45
 _SHARE_CORNER = 0.2  # the same between two cells that share a corner
-_FASTEST = 0.08  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
+_FASTEST = 0.05  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
 _AT_REST = 0.004  # excess of the slope that stays: below the 0.01 of a cell that is asked for
 _REACH = 2  # cells around one that moved whose faces feel it
 #: Width of the surroundings of a tile: a cell on each side.
