@@ -163,8 +163,8 @@ def cloud_contact(
                     depth = surface - z
                     before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
                     if depth > before:
-                        bearing = bearing_depth(p, depth, fill)
-                        sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
+                        bearing = bearing_depth(p.mound_strength, depth, fill)
+                        sigma, rise = pressure(p.k_e, p.n, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 share = (m_x * n_x + m_y * n_y) * push
@@ -184,8 +184,8 @@ def cloud_contact(
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
-                    bearing = bearing_depth(p, depth, fill)
-                    sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
+                    bearing = bearing_depth(p.mound_strength, depth, fill)
+                    sigma, rise = pressure(p.k_e, p.n, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
                     after = max(before, depth - sigma / p.k_e)
                     total, stiffness = total + plan * sigma, stiffness + plan * rise
                 new_floor, n_points = new_floor + after, n_points + 1
@@ -264,7 +264,7 @@ def _bear(p, tool, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
     u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
     # Displacements are kept as turned with the surface into the horizontal plane.
     u_x, u_y = u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
-    j_x, j_y = remembered(p, j_x + h * u_x, j_y + h * u_y)
+    j_x, j_y = remembered(p.K, j_x + h * u_x, j_y + h * u_y)
     m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
     drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
     f_x, f_y = -drag * m_x, -drag * m_y
@@ -344,7 +344,7 @@ def _displace(p, tool, side, h_x, h_y, h, placed, n_placed):
     rolling = math.hypot(tool.v_0[0] - u_x, tool.v_0[1] - u_y)
     kept = 1.0 / (1.0 + rolling * h / max(math.sqrt(total), p.cell))
     along, across = (side[0] + h * (u_x * h_x + u_y * h_y)) * kept, (side[1] + h * (u_y * h_x - u_x * h_y)) * kept
-    side[0], side[1] = remembered(p, along, across)
+    side[0], side[1] = remembered(p.K, along, across)
     m_x, m_y, _, secant = mobilised(p, side[0] * h_x - side[1] * h_y, side[0] * h_y + side[1] * h_x, u_x, u_y)
     return m_x, m_y, secant
 

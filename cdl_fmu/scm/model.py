@@ -192,7 +192,7 @@ def _step_kernel(patches: bool, bodies: bool):
     @kernel
     def step(t, h, p, u, x, y, *arrays):
         rows, marks, head, ground, frame, elements, ranges, shapes = arrays[:8]
-        grid, corner, cells, sums, outflow, placed, links, around, moved, boxes = arrays[8:]
+        grid, corner, cells, sums, blocks, outflow, placed, links, around, moved, boxes = arrays[8:]
         n_wheels = len(u.wheel)
         # Refuse before anything changes, so that the state of a refused step is the old one.
         for i in range(n_wheels):
@@ -259,7 +259,9 @@ def _step_kernel(patches: bool, bodies: bool):
                     sums[i],
                 )
             else:
-                side[1] = wheel_contact(p, wheel, side[1], x.powers, modulus, h, x.stamp, rows, grid[i], corner[i], cells[i], sums[i])
+                side[1] = wheel_contact(
+                    p, wheel, side[1], x.powers, modulus, h, x.stamp, rows, grid[i], corner[i], blocks[i], cells[i], sums[i]
+                )
         if bodies:
             for i in range(len(u.body)):
                 k, body, side = n_wheels + i, u.body[i], x.body[i].side

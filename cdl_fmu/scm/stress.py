@@ -28,12 +28,12 @@ def pressure_modulus(p, b):
 
 
 @kernel(inline=True)
-def bearing_depth(p, depth, fill):
+def bearing_depth(mound_strength, depth, fill):
     """Depth [m] that counts for the bearing pressure: a mound above the original level carries little of what as much depth would.
 
     Own choice: its height counts by mound_strength, 0.2 by default, as Hansen's ground slope factor at the angle of repose.
     """
-    return depth - (1.0 - p.mound_strength) * min(depth, max(fill, 0.0))
+    return depth - (1.0 - mound_strength) * min(depth, max(fill, 0.0))
 
 
 @kernel
@@ -63,35 +63,44 @@ def power(table, per_spacing, n, depth):
 
 
 @kernel(inline=True)
-def pressure(p, elastic, bearing, plastic):
+def pressure(k_e, n, elastic, bearing, plastic):
     """Elastic-plastic pressure [Pa] and its slope [Pa/m] of soil pressed ``elastic`` > 0 [m] below its floor, at a bearing depth [m].
 
     Elastic predictor k_e elastic, limited by the plastic pressure; the floor that is left lies pressure / k_e above the tool.
     """
-    trial = p.k_e * elastic
-    return (trial, p.k_e) if trial < plastic else (plastic, p.n * plastic / bearing)
+    trial = k_e * elastic
+    yields = trial >= plastic
+    return plastic if yields else trial, n * plastic / bearing if yields else k_e
 
 
 @kernel(inline=True)
-def mobilised(p, j_x, j_y, v_x, v_y):
-    """Shear displacement vector [m] that counts, mobilised share of the strength, and that share per displacement [1/m].
+def counted(tau_r, j_x, j_y, v_x, v_y):
+    """Shear displacement vector [m] that counts, and its length.
 
     Own choice: v tau_r is added to the displacement. The displacement law alone has no damping, and a rover's surge on it, of the
     frequency sqrt(tan(phi) g / K), becomes a limit cycle at low gravity.
     """
-    x, y = j_x + p.tau_r * v_x, j_y + p.tau_r * v_y
-    length = math.sqrt(x * x + y * y)
-    if length < 1e-9 * p.K:
-        return x, y, 0.0, 1.0 / p.K
-    share = janosi_displacement(length, p.K)
-    return x, y, share, share / length
+    x, y = j_x + tau_r * v_x, j_y + tau_r * v_y
+    return x, y, math.sqrt(x * x + y * y)
 
 
 @kernel(inline=True)
-def remembered(p, j_x, j_y):
+def secant_share(K, length, share):
+    """Mobilised share of the strength per displacement [1/m], at a displacement of this length [m]."""
+    return share / length if length >= 1e-9 * K else 1.0 / K
+
+
+@kernel(inline=True)
+def mobilised(p, j_x, j_y, v_x, v_y):
+    """Shear displacement vector [m] that counts, mobilised share of the strength, and that share per displacement [1/m]."""
+    x, y, length = counted(p.tau_r, j_x, j_y, v_x, v_y)
+    share = janosi_displacement(length, p.K)
+    return x, y, share, secant_share(p.K, length, share)
+
+
+@kernel(inline=True)
+def remembered(K, j_x, j_y):
     """Shear displacement vector [m], shortened to what the soil remembers."""
-    length = math.sqrt(j_x * j_x + j_y * j_y)
-    longest = LONGEST_MEMORY * p.K
-    if length <= longest:
-        return j_x, j_y
-    return j_x * longest / length, j_y * longest / length
+    longest = LONGEST_MEMORY * K
+    kept = longest / max(math.sqrt(j_x * j_x + j_y * j_y), longest)
+    return j_x * kept, j_y * kept

@@ -15,6 +15,7 @@ import math
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
+from .rim import BLOCK, STEEPEST, attitude, damping_of, press_and_shear
 from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
 from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
 
@@ -26,7 +27,6 @@ F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, D
 SUMS = 14
 
 _CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
-_STEEPEST = 0.995  # share of the radius up to which the rim counts as a lower surface
 
 
 @kernel
@@ -92,7 +92,7 @@ def deepest_of_table(p):
 
 
 @kernel
-def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, cells, sums):
+def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, block, cells, sums):
     """Stresses on a wheel with soil under it.
 
     Args:
@@ -103,6 +103,7 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
         h: Length of the step [s].
         stamp: Number of the step.
         rows, grid, corner: Soil, and the look-up of the wheel's surroundings.
+        block: Memory for the cells that are worked on together, a record of ``rim.DTYPE``.
         cells: Filled with the pressed cells, [n, COLUMNS].
         sums: Filled with the sums, [SUMS].
 
@@ -110,135 +111,105 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
         Displacement of the sides [m].
     """
     clear(sums)
-    T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
-    level = math.sqrt(T[1, 0] * T[1, 0] + T[1, 1] * T[1, 1])
-    l_x, l_y, tilt = T[1, 0] / level, T[1, 1] / level, T[1, 2]
-    h_x, h_y = l_y, -l_x
-    v_x, v_y, v_z = v_0[0] * h_x + v_0[1] * h_y, v_0[0] * l_x + v_0[1] * l_y, v_0[2]
-    w_x, w_y, w_z = w_0[0] * h_x + w_0[1] * h_y, w_0[0] * l_x + w_0[1] * l_y, w_0[2]
-    N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
-    r, half, cell = p.r_w, 0.5 * p.b_w, p.cell
-    reach = shear_radius(p, N_phi) / r  # the shear surface's radius over the rim's
-    damping = max(0.0, 1.0 - p.c_d * v_z)  # Hunt & Crossley 1975, as in BCM
-    n_exp, per_k_e, per_level, per_spacing = p.n, 1.0 / p.k_e, 1.0 / level, (table.shape[1] - 1.0) / deepest_of_table(p)
-    step, point = cell / POINTS, cell * cell / POINTS
-    dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
-    per_r, least, layer = 1.0 / r, (1.0 - _STEEPEST**2) * r * r, 0.5 * dragged_depth * h / cell
-
+    r_0, r, half, cell = wheel.r_0, p.r_w, 0.5 * p.b_w, p.cell
+    level, h_x, h_y, tilt = attitude(wheel)
+    l_x, l_y, per_level = -h_y, h_x, 1.0 / level
+    step = cell / POINTS
     span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
     span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
-    n = 0
+    n = m = 0  # cells in the list, and in the block
     for i in range(nearest(r_0[0] - span_x, cell), nearest(r_0[0] + span_x, cell) + 1):
         for j in range(nearest(r_0[1] - span_y, cell), nearest(r_0[1] + span_y, cell) + 1):
             d_x, d_y = i * cell - r_0[0], j * cell - r_0[1]
             along, across = d_x * h_x + d_y * h_y, d_x * l_x + d_y * l_y
             low = max(abs(along) - 0.5 * cell, 0.0)
-            if low >= _STEEPEST * r:
-                continue
-            row = row_of(grid, corner, i, j)
-            a, b = in_tile(i), in_tile(j)
+            row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
             fill = rows[row, FILL, a, b]
             surface = rows[row, BASE, a, b] + fill - r_0[2]
             # The rim rises by at least low^2 / (2 r): most cells are ruled out without a root.
-            if surface <= (low * low / (2.0 * r) - r - abs(across * tilt)) * per_level:
+            if surface <= (low * low / (2.0 * r) - r - abs(across * tilt)) * per_level or low >= STEEPEST * r:
                 continue
-            down = -math.sqrt(r * r - low * low)
-            xi = (across + down * tilt) * per_level
+            xi = (across - math.sqrt(r * r - low * low) * tilt) * per_level
             cover = min((half - abs(xi)) * level / cell + 0.5, 1.0)
             if cover <= 0.0:
                 continue
-            floor = floor_depth(rows, row, a, b)
-            kept = rows[row, STAMP, a, b] == stamp - 1.0
-            slope = 0.0 if kept else floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
-            sinkage = rows[row, SINKAGE, a, b]
             if cover < 1.0:  # the middle of the covered part
                 across -= math.copysign(0.5 * (1.0 - cover) * cell, xi)
-            across_tilt = across * tilt
-            total, moment, floors, stiffness, f_x, t_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(POINTS):
-                offset = (k + 0.5) * step - 0.5 * cell
-                x = along + offset
-                before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * offset, 0.0)
-                after = before
-                square = r * r - x * x
-                if square > least:
-                    root = math.sqrt(square)
-                    z = (across_tilt - root) * per_level
-                    depth = surface - z
-                    if depth > before:
-                        bearing = bearing_depth(p, depth, fill)
-                        sigma, rise = pressure(p, depth - before, bearing, modulus * power(table, per_spacing, n_exp, bearing))
-                        after = max(before, depth - sigma * per_k_e)
-                        # Pressure of the side below a tilted rim cancels its push across, as in BCM: no force across.
-                        push = -sigma * x / root * per_level
-                        f_x += push
-                        t_y += z * push - x * sigma
-                        total += sigma
-                        moment += sigma * x
-                        stiffness += rise
-                floors += after
-                cells[n, FIRST + k] = after
-            if total <= 0.0:
-                # Not pressed; what is closely covered is held against landslides.
-                gap = (across_tilt - math.sqrt(max(r * r - along * along, 0.0))) * per_level - surface + rows[row, SINKAGE, a, b]
-                if gap < _CLEARANCE * cell:
-                    cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
-                    n += 1
-                continue
-            x = moment / total
-            sin = x * per_r
-            cos = math.sqrt(1.0 - sin * sin)
-            z = (across_tilt - r * cos) * per_level
-            # Velocity of the rim against the soil, along its tangent and along the axle.
-            u_x, u_z = v_x + reach * (w_y * z - w_z * across), v_z + reach * (w_x * across - w_y * x)
-            u_t, u_l = u_x * cos + u_z * sin, v_y + w_z * x - w_x * z
-            u_1, u_2 = u_t * h_x + u_l * l_x, u_t * h_y + u_l * l_y
-            j_x, j_y = h * u_1, h * u_2
-            if rows[row, STAMP, a, b] == stamp - 1.0:  # else it was not in contact
-                j_x, j_y = j_x + rows[row, SHEAR_X, a, b], j_y + rows[row, SHEAR_Y, a, b]
-            j_x, j_y = remembered(p, j_x, j_y)
-            m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_1, u_2)
-            area = cover * point
-            normal = area * total * damping
-            strength = (p.c * min(damping, 1.0) * cover * cell * cell + normal * tan_phi) / cos  # Eq. (8.7)
-            drag = strength * secant
-            f_t, f_l = -drag * (m_x * h_x + m_y * h_y), -drag * (m_x * l_x + m_y * l_y)
-            s_x, s_z = f_t * cos, f_t * sin
-            p_x = area * damping * f_x
-            sums[F_X] += whole(p_x + s_x)
-            sums[F_Y] += whole(f_l)
-            sums[F_Z] += whole(normal + s_z)
-            sums[T_X] += whole(across * (normal + s_z) - reach * z * f_l)
-            sums[T_Y] += whole(area * damping * t_y + reach * (z * s_x - x * s_z))
-            sums[T_Z] += whole(reach * x * f_l - across * (p_x + s_x))
-            sums[K_X] += whole(drag)
-            sums[K_Y] += whole(drag)
-            sums[K_Z] += whole(stiffness * area * damping)
-            sums[D_Z] += whole(p.c_d * total * area)
-            pressed = floors / POINTS
-            sums[DEEPEST] = max(sums[DEEPEST], pressed - fill)
-            sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
-            cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
-            cells[n, FLOOR], cells[n, MEAN] = pressed, cover * pressed
-            cells[n, J_X], cells[n, J_Y] = j_x, j_y
-            cells[n, ALONG], cells[n, ACROSS] = along, across
-            # Soil dragged along by the rim: a layer whose speed falls linearly from the rim's to 0.
-            dragged = layer * share * cover
-            cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * u_1, dragged * u_2
-            n += 1
+            block.row[m], block.a[m], block.b[m] = row, a, b
+            block.along[m], block.across[m], block.lift[m], block.cover[m] = along, across, across * tilt, cover
+            block.surface[m], block.fill[m] = surface, fill
+            if rows[row, STAMP, a, b] == stamp - 1.0:
+                sinkage = rows[row, SINKAGE, a, b]
+                block.j_x[m], block.j_y[m] = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]
+                for k in range(POINTS):
+                    block.before[k, m] = sinkage * rows[row, POINT + k, a, b]
+            else:  # it was not in contact
+                block.j_x[m] = block.j_y[m] = 0.0
+                floor, slope = floor_depth(rows, row, a, b), floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
+                for k in range(POINTS):
+                    block.before[k, m] = max(floor + slope * ((k + 0.5) * step - 0.5 * cell), 0.0)
+            m += 1
+            if m == BLOCK:
+                n = _bear(p, wheel, m, n, table, modulus, h, stamp, rows, block, cells, sums)
+                m = 0
+    n = _bear(p, wheel, m, n, table, modulus, h, stamp, rows, block, cells, sums)
     sums[CELLS] = n
     if p.n_g > 0.0 and p.h_g > 0.0:
-        _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, v_z, w_y, stamp, rows, grid, corner, sums)
-    if n == 0:
-        return 0.0
-    return _sides(p, wheel, side, N_phi, level, h_x, h_y, v_x, v_y, w_x, h, rows, grid, corner, sums)
+        _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums)
+    return _sides(p, wheel, side, h, rows, grid, corner, sums) if n > 0 else 0.0
 
 
 @kernel
-def _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, v_z, w_y, stamp, rows, grid, corner, sums):
+def _bear(p, wheel, n_block, n, table, modulus, h, stamp, rows, block, cells, sums):
+    """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
+    per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
+    press_and_shear(p, wheel, n_block, modulus, table, per_spacing, h, block)
+    level, r = attitude(wheel)[0], p.r_w
+    dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
+    layer = 0.5 * dragged_depth * h / p.cell
+    for m in range(n_block):
+        row, a, b, along = int(block.row[m]), int(block.a[m]), int(block.b[m]), block.along[m]
+        if block.total[m] <= 0.0:
+            # Not pressed; what is closely covered is held against landslides.
+            rim = (block.lift[m] - math.sqrt(max(r * r - along * along, 0.0))) / level
+            if rim - block.surface[m] + rows[row, SINKAGE, a, b] < _CLEARANCE * p.cell:
+                cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
+                n += 1
+            continue
+        sums[F_X] += block.f_x[m]
+        sums[F_Y] += block.f_y[m]
+        sums[F_Z] += block.f_z[m]
+        sums[T_X] += block.t_x[m]
+        sums[T_Y] += block.t_y[m]
+        sums[T_Z] += block.t_z[m]
+        sums[K_X] += block.k_xy[m]
+        sums[K_Y] += block.k_xy[m]
+        sums[K_Z] += block.k_z[m]
+        sums[D_Z] += block.d_z[m]
+        pressed, cover = block.floors[m] / POINTS, block.cover[m]
+        sums[DEEPEST] = max(sums[DEEPEST], pressed - block.fill[m])
+        sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
+        cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
+        cells[n, FLOOR], cells[n, MEAN] = pressed, cover * pressed
+        cells[n, J_X], cells[n, J_Y] = block.j_x[m], block.j_y[m]
+        cells[n, ALONG], cells[n, ACROSS] = along, block.across[m]
+        # Soil dragged along by the rim: a layer whose speed falls linearly from the rim's to 0.
+        dragged = layer * block.share[m] * cover
+        cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * block.u_x[m], dragged * block.u_y[m]
+        for k in range(POINTS):
+            cells[n, FIRST + k] = block.after[k, m]
+        n += 1
+    return n
+
+
+@kernel
+def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
     """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
-    T, r_0 = wheel.T, wheel.r_0
-    tilt = T[1, 2]
+    T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
+    level, h_x, h_y, tilt = attitude(wheel)
+    v_x, v_z, w_y = v_0[0] * h_x + v_0[1] * h_y, v_0[2], w_0[1] * h_x - w_0[0] * h_y
+    N_phi, tan_phi, damping = flow_value(p.phi), math.tan(p.phi), damping_of(p, wheel)
+    per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
     r_tip = p.r_w + p.h_g
     # Angle from nadir of the grouser along -z of the wheel frame, about the axle.
     up_x, up_y, up_z = tilt * h_y, -tilt * h_x, level
@@ -270,8 +241,8 @@ def _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, 
             depth = surface - z
             if depth <= floor:
                 continue
-            bearing = bearing_depth(p, depth, fill)
-            sigma, rise = pressure(p, depth - floor, bearing, modulus * bearing**p.n)
+            bearing = bearing_depth(p.mound_strength, depth, fill)
+            sigma, rise = pressure(p.k_e, p.n, depth - floor, bearing, modulus * power(table, per_spacing, p.n, bearing))
             u = v_x * cos + v_z * sin - w_y * r_tip
             j_x, j_y = (rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]) if kept else (0.0, 0.0)
             m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
@@ -289,8 +260,8 @@ def _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, 
                 over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
                 q = 0.0
                 if p.kappa_q > 0.0 and rim > floor:
-                    bearing = bearing_depth(p, rim, fill)
-                    q = p.kappa_q * pressure(p, rim - floor, bearing, modulus * bearing**p.n)[0]
+                    bearing = bearing_depth(p.mound_strength, rim, fill)
+                    q = p.kappa_q * pressure(p.k_e, p.n, rim - floor, bearing, modulus * power(table, per_spacing, p.n, bearing))[0]
                 passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
                 face = p.r_w + 0.5 * p.h_g
                 add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)
@@ -302,17 +273,20 @@ def _grousers(p, wheel, modulus, N_phi, tan_phi, damping, level, h_x, h_y, v_x, 
 
 
 @kernel
-def _sides(p, wheel, side, N_phi, level, h_x, h_y, v_x, v_y, w_x, h, rows, grid, corner, sums):
+def _sides(p, wheel, side, h, rows, grid, corner, sums):
     """Passive earth pressure of the soil beside the wheel, mobilised by its displacement across; returns that displacement [m].
 
     Own choice: soil beside a rolling wheel is left behind and replaced by soil that was not displaced yet, so displacement relaxes over
     the length of contact. Mobilised by K as the shear below the rim.
     """
-    cell, gamma_s = p.cell, p.rho * p.gravity
+    level, h_x, h_y, tilt = attitude(wheel)
+    v_0, w_0 = wheel.v_0, wheel.w_0
+    v_x, v_y, w_x = v_0[0] * h_x + v_0[1] * h_y, v_0[1] * h_x - v_0[0] * h_y, w_0[0] * h_x + w_0[1] * h_y
+    cell, gamma_s, N_phi = p.cell, p.rho * p.gravity, flow_value(p.phi)
     length = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
     u = v_y + w_x * p.r_w  # of the rim's lowest point
     side = (side + u * h) / (1.0 + abs(v_x) * h / length)
-    side, _ = remembered(p, side, 0.0)
+    side, _ = remembered(p.K, side, 0.0)
     m, _, _, secant = mobilised(p, side, 0.0, u, 0.0)
     r_0 = wheel.r_0
     edge = math.copysign(0.5 * p.b_w * level, m)  # the side that pushes
@@ -320,9 +294,9 @@ def _sides(p, wheel, side, N_phi, level, h_x, h_y, v_x, v_y, w_x, h, rows, grid,
     first, last = math.floor(sums[ALONG_MIN] / cell + 0.5), math.floor(sums[ALONG_MAX] / cell + 0.5)
     for k in range(first, last + 1):
         x = k * cell
-        if abs(x) >= _STEEPEST * p.r_w:
+        if abs(x) >= STEEPEST * p.r_w:
             continue
-        bottom = edge / level * wheel.T[1, 2] - math.sqrt(p.r_w**2 - x * x) * level
+        bottom = edge / level * tilt - math.sqrt(p.r_w**2 - x * x) * level
         i = nearest(r_0[0] + x * h_x - beside * h_y, cell)
         j = nearest(r_0[1] + x * h_y + beside * h_x, cell)
         wall = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - bottom

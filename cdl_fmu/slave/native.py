@@ -10,9 +10,9 @@ A model with a pool takes the pool's arrays (see ``Model.make_pool``) in its las
     int32_t <identifier>_initialise(int32_t *status, void **exc, double t, double *block, void **arrays, const int64_t *shapes);
     int32_t <identifier>_step(int32_t *status, void **exc, double t, double h, double *block, void **arrays, const int64_t *shapes);
 
-``arrays[i]`` points to the first element of array i, row-major, of float64 or int64 as in Python; ``shapes`` has the extents of array
-0, then those of array 1, and so on. They may be others at each call: memory that grows between steps stays with the caller, which
-keeps the rules of the model's pool class.
+``arrays[i]`` points to the first element of array i, row-major, of float64, int64 or records of float64 as in Python; ``shapes`` has the
+extents of array 0, then those of array 1, and so on. They may be others at each call: memory that grows between steps stays with the
+caller, which keeps the rules of the model's pool class.
 
 ``status`` receives what the kernel returned (0 = fine, see ``Model.events``); the functions' own return value is non-zero if
 the kernel raised. They hold no global state, so any number of instances may run in any number of threads.
@@ -104,7 +104,8 @@ def step({", ".join(("t", "h", "block", *names))}):
     return int32(step_kernel({", ".join(("t", "h", "b.p", "b.u", "b.x", "b.y", *views))}))
 """
     kernels = {"initialise_kernel": model.initialise_kernel, "step_kernel": model.step_kernel}
-    scope = {"carray": carray, "int32": int32, "float64": float64, "int64": int64, **kernels}
+    dtypes = {f"dtype{i}": array.dtype for i, array in enumerate(arrays)}
+    scope = {"carray": carray, "int32": int32, **dtypes, **kernels}
     exec(source, scope)
     more = (types.CPointer(types.voidptr), types.CPointer(int64)) if names else ()
 
@@ -126,7 +127,7 @@ def _views(arrays: tuple) -> tuple[tuple[str, ...], list[str]]:
     views, at = [], 0
     for i, array in enumerate(arrays):
         extents = "".join(f"shapes[{at + k}], " for k in range(array.ndim))
-        views.append(f"carray(arrays[{i}], ({extents}), {array.dtype})")
+        views.append(f"carray(arrays[{i}], ({extents}), dtype{i})")
         at += array.ndim
     return ("arrays", "shapes") if arrays else (), views
 
