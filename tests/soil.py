@@ -158,13 +158,13 @@ def stamps(instance: Instance) -> np.ndarray:
     return out
 
 
-def excess(instance: Instance, waited=0) -> tuple[float, float]:
+def excess(instance: Instance, waited=0, away=0.0) -> tuple[float, float]:
     """Largest excess over the angle of repose, in cells, along rows and columns, and along diagonals.
 
-    Cells that a tool worked on in the last ``waited`` steps, and their neighbours, do not count.
+    Cells that a tool worked on in the last ``waited`` steps, their neighbours, and what lies less than ``away`` [m] from them do not count.
     """
     z, cell = surface(instance).z, float(instance.p.cell)
-    left = ~binary_dilation(stamps(instance) > instance.x.stamp - waited)
+    left = ~binary_dilation(stamps(instance) > instance.x.stamp - waited, iterations=max(1, round(away / cell)))
     z = np.where(left, z, np.nan)
 
     def steepest(pairs, distance):

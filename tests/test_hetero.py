@@ -124,10 +124,14 @@ def test_forces_under_jacobi_stay_near_those_of_the_default_scheme(tiers, drive)
 
 @pytest.mark.parametrize("tiers", PAIRS[:2], ids="-".join)
 def test_a_scheme_that_undoes_steps_leaves_the_same_soil(tiers, drive):
-    reference, other = drive(*tiers), drive(*tiers, scheme="aitken")
+    """Once it is at rest: up to 0.1 m behind a wheel's centre, where the rim rises from the rut, soil slides in by up to 0.5 mm a step."""
+    reference, other = drive(*tiers, stop_time=2.0), drive(*tiers, stop_time=2.0, scheme="aitken")
     assert rms(loads(other) - loads(reference)).max() < 0.02 * LOAD
     z, z_other = (result.cdl.soil(result.cdl.soil_times[-1]) for result in (reference, other))
-    assert float(np.abs(z_other - z).max()) < 1e-3 < float(-z.min())
+    x = wheels_of(reference)[0].centre("x")
+    rut = z.where((z.x > x[0]) & (z.x < x[-1] - 0.1))
+    assert float(rut.min()) < -0.01
+    assert float(np.abs(z_other - rut).max()) < 1e-4
 
 
 def test_a_resumed_run_goes_on_with_the_same_soil(tmp_path, drive):

@@ -137,11 +137,14 @@ def test_a_rut_comes_to_rest_when_its_wheel_is_lifted_off(degrees, cell, millise
     assert volume_error(carriage.instance) == 0.0
 
 
-def test_soil_behind_a_rolling_wheel_has_slid_to_rest_after_50_ms():
-    carriage = on_soil()
+@pytest.mark.parametrize("cell", [0.01, 0.005])
+def test_soil_that_a_rolling_wheel_has_left_is_at_rest_after_50_ms(cell):
+    """Nearer to the wheel than 60 mm, the width of its passive wedge, it still heaves and slides."""
+    carriage = on_soil(cell=cell)
     for _ in range(40):
         carriage.move(0.025, forward=0.1, rate=1.0)
-        assert excess(carriage.instance, waited=50)[0] < 0.02
+        straight, diagonal = excess(carriage.instance, waited=50, away=0.06)
+        assert max(straight, diagonal) < 0.01
 
 
 @pytest.mark.parametrize("most", [0, 1, 3])
