@@ -18,8 +18,14 @@ NO_DATA, STILL_NO_DATA, BURIED, ON_ITS_SIDE = 1, 2, 3, 4
 WHEEL_EVENTS = {
     NO_DATA: Event("wheel {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
     STILL_NO_DATA: Event("wheel[{i}] still has no pose after 2 steps: connect wheel[{i}].r_0, T, v_0, w_0 to the rover"),
-    BURIED: Event("wheel {i} is buried: its centre is more than its radius below the ground; start it on the ground or check ground_z"),
-    ON_ITS_SIDE: Event("wheel {i} lies on its side: its axle is more than 80 deg from the horizontal; the model knows rolling wheels only"),
+    BURIED: Event(
+        "wheel {i} is buried: its centre, at ({wheel.r_0[0]:.4g}, {wheel.r_0[1]:.4g}, {wheel.r_0[2]:.4g}) m, is more than its radius of "
+        "{p.r_w:g} m below the ground; start it on the ground or check ground_z"
+    ),
+    ON_ITS_SIDE: Event(
+        "wheel {i} lies on its side: its axle, wheel[{i}].T[2,1:3] = ({wheel[T][1][0]:.3f}, {wheel[T][1][1]:.3f}, {wheel[T][1][2]:.3f}), "
+        "is more than 80 deg from the horizontal; the model knows rolling wheels only"
+    ),
 }
 
 

@@ -1,5 +1,10 @@
 """Wheel geometry: a cylinder with radial grousers over its full width."""
 
+from __future__ import annotations
+
+import math
+
+from .slave.model import ModelError
 from .slave.records import Real, Record
 
 #: The wheel of Table 8.2; r_w is the radius of the rim, without grousers.
@@ -10,3 +15,14 @@ WHEEL = Record(
     h_g=Real(0.010, "m", "Grouser height", min=0.0, max=1.0),
     t_g=Real(0.002, "m", "Thickness of a grouser's tip (assumption: 0.2 of the height; Table 8.2 leaves it out)", min=0.0, max=1.0),
 )
+
+
+def check_wheel(p) -> None:
+    """Raise ModelError for a wheel that cannot be built."""
+    if p.n_g != math.floor(p.n_g):
+        raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")
+    around = 2.0 * math.pi * (p.r_w + p.h_g)
+    if p.n_g * p.t_g > around:
+        raise ModelError(
+            f"n_g = {p.n_g:g}: grousers of t_g = {p.t_g:g} m fill more than the {around:.3g} m around their tips; use fewer or thinner"
+        )

@@ -78,7 +78,7 @@ def test_buried_wheel():
     before = instance.block.copy()
     refusal(
         instance,
-        r"cdl_bcm: wheel 2 is buried: its centre is more than its radius below the ground; start it on the ground .* \(t = 0.5 s\)",
+        r"cdl_bcm: wheel 2 is buried: its centre, at \(0, 0, .*\) m, is more than its radius of 0.125 m below the ground; .* \(t = 0.5 s\)",
     )
     assert (instance.block == before).all()
 
@@ -102,4 +102,4 @@ def test_wheel_outside_its_patch():
     assert instance.y.wheel[0].f_0[2] > 0
     instance.u.patch[0].spacing = 0.03
     instance.u.patch[0].origin[:] = (1.0, 0.0)
-    refusal(instance, r"wheel 1 is outside patch\[1\]: send the heights around the wheel's centre")
+    refusal(instance, r"wheel 1, at \(0, 0\) m, is outside patch\[1\]: send the heights around the wheel's centre")

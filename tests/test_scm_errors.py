@@ -9,6 +9,8 @@ from soil import LOAD, Carriage, on_soil, scm
 from cdl_fmu.scm import SCM
 from cdl_fmu.slave.model import Instance, ModelError
 
+OFF_MAP = r"wheel 1, at \([-\d.]+, [-\d.]+\) m, leaves the map: keep it, .* within map_min, map_max \("
+
 
 @pytest.mark.parametrize(
     ("parameters", "text"),
@@ -22,10 +24,14 @@ from cdl_fmu.slave.model import Instance, ModelError
         (dict(layer_depth=0), r"layer_depth = 0 m: it must be at least 0.001 m"),
         (dict(max_tiles=0), r"max_tiles = 0: it must be at least 1 "),
         (dict(n_g=2.5), r"n_g = 2.5: the number of grousers must be whole"),
+        (dict(n_g=500), r"n_g = 500: grousers of t_g = 0.002 m fill more than the 0.848 m around their tips; use fewer or thinner"),
+        (dict(map_min=(0, 2), map_max=(1, 1)), r"map_min = 2 m along y: it must be less than map_max, which is 1 m"),
+        (dict(threads=1.5), r"threads = 1.5: it must be a whole number, on this machine at most \d+; .* NUMBA_NUM_THREADS"),
+        (dict(threads=200), r"threads = 200: it must be a whole number, on this machine at most \d+; .* NUMBA_NUM_THREADS"),
         (dict(pressure_model="wong"), r"pressure_model = 'wong': choose one of bekker, reece"),
         (
             dict(b_w=0.01, cell=0.003),
-            r"k_c = -2.86e\+06 N/m\^3.49: k_c/b \+ k_phi <= 0 for wheel width b = 0.01 m; use a wider wheel or another soil",
+            r"k_c = -2.86e\+06 N/m\^3.49: k_c/b \+ k_phi < 0 for wheel width b = 0.01 m; use a wheel wider than 0.0116 m or another soil",
         ),
     ],
 )
@@ -37,18 +43,38 @@ def test_parameters_that_are_refused(parameters, text):
 @pytest.mark.parametrize(
     ("parameters", "start", "velocities", "text"),
     [
-        (dict(map_max=(0.2, 1.0)), {}, dict(forward=0.2), "wheel 1 leaves the map: .* within map_min, map_max and the base raster"),
-        (dict(map_min=(-1.0, -0.2)), {}, dict(sideways=-0.1), "wheel 1 leaves the map: .* within map_min, map_max and the base raster"),
+        (dict(map_max=(0.2, 1.0)), {}, dict(forward=0.2), OFF_MAP + r"-1e\+06 to 0.2 m in x"),
+        (
+            dict(map_min=(-1.0, -0.2)),
+            {},
+            dict(sideways=-0.1),
+            OFF_MAP + r"-1 to 1e\+06 m in x, -0.2 to 1e\+06 m in y\) and the base raster",
+        ),
         (
             dict(layer_depth=0.02),
             dict(depth=0.01),
             dict(up=-0.05),
-            "wheel 1 is pressed through the soil's layer: raise layer_depth, lighten the wheel or take a stronger soil",
+            "wheel 1 is pressed through the soil's layer, layer_depth = 0.02 m: raise layer_depth, lighten the wheel or take a stronger soil",
         ),
-        (dict(max_tiles=12), {}, dict(forward=0.2), "the soil's pool is full: raise max_tiles, coarsen cell or shorten the drive"),
-        ({}, dict(depth=0.3), {}, "wheel 1 is buried: its centre is more than its radius below the ground; .* check ground_z"),
+        (
+            dict(max_tiles=12),
+            {},
+            dict(forward=0.2),
+            "the soil's pool is full, max_tiles = 12 of 16 x 16 cells of 0.01 m: raise max_tiles, coarsen",
+        ),
+        (
+            {},
+            dict(depth=0.3),
+            {},
+            r"wheel 1 is buried: its centre, at \(0, 0, -0.175\) m, is more than its radius of 0.125 m .*ground_z",
+        ),
         ({}, {}, dict(forward=math.nan), r"wheel\[1\].v_0\[1\] = nan m/s: it must be finite"),
-        ({}, dict(camber=0.5 * math.pi), {}, "wheel 1 lies on its side: its axle is more than 80 deg from the horizontal"),
+        (
+            {},
+            dict(camber=0.5 * math.pi),
+            {},
+            r"wheel 1 lies on its side: its axle, wheel\[1\].T\[2,1:3\] = \(.*, .*, 1.000\), is more than 80 deg",
+        ),
     ],
 )
 def test_a_refused_step_says_why_and_can_be_taken_back(parameters, start, velocities, text):
@@ -79,6 +105,7 @@ def test_a_refused_step_leaves_the_soil_as_it_was():
     with pytest.raises(ModelError, match="pressed through"):
         instance.step(0.0, 1e-3)
     after = instance.save()
+    assert np.array_equal(before.block[instance.slices["x"]], after.block[instance.slices["x"]])
     assert instance.pool.to_bytes(before.pool) == instance.pool.to_bytes(after.pool)
 
 
@@ -87,7 +114,7 @@ def test_a_trailing_wheel_whose_patch_reaches_beyond_the_map():
     instance.u.wheel[0].r_0[:] = 0.0, 0.0, 0.12
     instance.initialise()
     instance.u.trailing[0].r_0[:] = 0.9, 0.0, 0.12
-    text = r"scm: patch\[1\] reaches beyond the map: keep trailing\[1\].r_0 within map_min, map_max and the base raster"
+    text = r"scm: patch\[1\] reaches beyond the map: keep trailing\[1\].r_0, now \(0.9, 0\) m, half a patch .* \(-1e.06 to 1 m"
     with pytest.raises(ModelError, match=text):
         instance.step(0.0, 1e-3)
     instance.u.trailing[0].r_0[0] = 0.5

@@ -76,7 +76,9 @@ def test_touched_soil_has_the_rasters_heights(raster):
 
 def test_a_wheel_that_leaves_the_raster_is_refused(raster):
     carriage = Carriage(scm(base=raster(height=0.0)), at=(0.8, 0.0), depth=0.01)
-    with pytest.raises(ModelError, match=r"wheel 1 leaves the map: keep it, half a wheel's length inside, .* and the base raster"):
+    with pytest.raises(
+        ModelError, match=r"wheel 1, at .* m, leaves the map: keep it, half a wheel's length inside, .* and the base raster"
+    ):
         carriage.move(1.0, forward=0.5, rate=4.0)
     assert carriage.r[0] == pytest.approx(1.0 - R - 0.01, abs=1e-3)
 
@@ -89,7 +91,7 @@ def test_a_patch_beyond_the_raster_is_refused(raster):
     instance.step(0.0, H)
     assert instance.y.patch[0].spacing == 0.03
     instance.u.trailing[0].r_0[0] = 0.9
-    with pytest.raises(ModelError, match=r"patch\[1\] reaches beyond the map: keep trailing\[1\].r_0 within .* and the base raster"):
+    with pytest.raises(ModelError, match=r"patch\[1\] reaches beyond the map: keep trailing\[1\].r_0, now .* and the base raster"):
         instance.step(H, H)
 
 

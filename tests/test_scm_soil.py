@@ -22,6 +22,7 @@ from soil import (
 )
 
 from cdl_fmu.scm.tiles import FILL, SINKAGE, SLIDING, TILE, TILE_I, TILE_J
+from cdl_fmu.slave.kernel import MOST_THREADS
 
 MIRRORED = np.array([1, -1, 1, -1, 1, -1, 1])
 
@@ -239,3 +240,26 @@ def test_saving_copies_what_changed_and_not_the_map():
     after = instance.save().pool.copies
     copied = sum(a is not b for a, b in zip(before, after))
     assert 0 < copied < 15
+
+
+def crossing(**parameters):
+    """Two wheels, one of which drives through the other's rut; their forces, and the soil and state they leave as bytes."""
+    instance = scm(2, **parameters)
+    first, second = Carriage(instance, 0, load=LOAD), Carriage(instance, 1, at=(0.15, -0.25), heading=ALONG_Y, load=LOAD)
+    forces = []
+    for k in range(1500):
+        for carriage in (first, second):
+            carriage.set_inputs(forward=0.15, sideways=0.02, rate=1.4)
+        instance.step(k * 1e-3, 1e-3)
+        forces.append(instance.y.wheel.copy())
+        for carriage in (first, second):
+            carriage.move_on(1e-3)
+    saved = instance.save()
+    return np.array(forces), saved.block[instance.slices["x"]], instance.pool.to_bytes(saved.pool)
+
+
+@pytest.mark.skipif(MOST_THREADS < 2, reason="this machine has one core")
+def test_no_bit_depends_on_the_number_of_threads():
+    one, two = crossing(), crossing(threads=2)
+    assert all(np.array_equal(a, b) for a, b in zip(one[:2], two[:2]))
+    assert one[2] == two[2]

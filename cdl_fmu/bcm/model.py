@@ -20,13 +20,13 @@ from ..contact import (
 from ..frames import cross, dot
 from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
-from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
+from ..slave.model import STATUS_SPAN, Event, KernelModel
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL
+from ..soil import SOIL, check_bearing
 from ..terrain.patch import surface
 from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
-from ..wheel import WHEEL
+from ..wheel import WHEEL, check_wheel
 from . import loads
 
 _OUTSIDE = 5
@@ -74,7 +74,10 @@ class BCM(KernelModel):
         )
     )
     events = WHEEL_EVENTS | {
-        _OUTSIDE: Event("wheel {i} is outside patch[{i}]: send the heights around the wheel's centre (origin, spacing, z)"),
+        _OUTSIDE: Event(
+            "wheel {i}, at ({wheel.r_0[0]:.4g}, {wheel.r_0[1]:.4g}) m, is outside patch[{i}]: "
+            "send the heights around the wheel's centre (origin, spacing, z)"
+        ),
     }
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0):
@@ -92,21 +95,8 @@ class BCM(KernelModel):
         self.step_kernel = _step_patches if n_patches else _step
 
     def check(self, p) -> None:
-        """Refuse a soil that bears nothing under this wheel's width."""
-        modulus = p.k_c / p.b_w + p.k_phi
-        if modulus <= 0.0:
-            least = f"a wheel wider than {-p.k_c / p.k_phi:.3g} m or " if p.k_phi > 0.0 else ""
-            raise ModelError(
-                f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi {'<' if modulus < 0.0 else '='} 0 for wheel width b = {p.b_w:g} m; "
-                f"use {least}another soil"
-            )
-        if p.n_g != math.floor(p.n_g):
-            raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")
-        around = 2.0 * math.pi * (p.r_w + p.h_g)
-        if p.n_g * p.t_g > around:
-            raise ModelError(
-                f"n_g = {p.n_g:g}: grousers of t_g = {p.t_g:g} m fill more than the {around:.3g} m around their tips; use fewer or thinner"
-            )
+        check_bearing(p)
+        check_wheel(p)
 
 
 @kernel

@@ -94,7 +94,7 @@ def half_sizes(p, range_, shape):
 
 
 @kernel
-def wheel_contact_with_mesh(p, x, h, wheel, side, modulus, shape, elements, range_, rows, grid, corner, placed, links, cells, sums):
+def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, rows, grid, corner, placed, links, cells, sums):
     """Stresses on a wheel with a mesh, in the axes of ``wheel_contact``."""
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     h_x, h_y = wheel.T[1, 1] / level, -wheel.T[1, 0] / level
@@ -103,7 +103,6 @@ def wheel_contact_with_mesh(p, x, h, wheel, side, modulus, shape, elements, rang
     cloud_contact(
         p,
         wheel,
-        side,
         h_x,
         h_y,
         dragged_depth,
@@ -125,13 +124,12 @@ def wheel_contact_with_mesh(p, x, h, wheel, side, modulus, shape, elements, rang
 
 
 @kernel
-def body_contact(p, x, h, body, side, shape, elements, range_, rows, grid, corner, placed, links, cells, sums):
+def body_contact(p, x, h, body, shape, elements, range_, rows, grid, corner, placed, links, cells, sums):
     """Stresses on a body, in world axes."""
     modulus, window = pressure_modulus(p, shape[WIDTH]), window_around(p, body, shape)
     cloud_contact(
         p,
         body,
-        side,
         1.0,
         0.0,
         p.transport_depth,

@@ -44,6 +44,8 @@ from .wheel import (
     K_Z,
     MEAN,
     ROW,
+    SIDE_ACROSS,
+    SIDE_ALONG,
     T_X,
     T_Y,
     T_Z,
@@ -80,7 +82,6 @@ _UPWARD = 0.7  # upward normals up to which a flank can push
 def cloud_contact(
     p,
     tool,
-    side,
     h_x,
     h_y,
     dragged_depth,
@@ -103,7 +104,6 @@ def cloud_contact(
 
     Args:
         tool: Its input record.
-        side: Displacement of its steep faces against the soil beside them [m], along and across, updated, [2].
         h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
         dragged_depth: Depth of the layer that it drags along [m].
         window: Cells [i0, i1] x [j0, j1] around it.
@@ -116,14 +116,14 @@ def cloud_contact(
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
     n_placed = _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
     if n_placed == 0:
-        side[0] = side[1] = 0.0
+        sums[SIDE_ALONG] = sums[SIDE_ACROSS] = 0.0
         return
     r_0 = tool.r_0
     cell, l_x, l_y = p.cell, -h_y, h_x
     N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
     damping = max(0.0, 1.0 - p.c_d * tool.v_0[2])  # Hunt & Crossley 1975, as in BCM
     per_spacing, layer = (table.shape[1] - 1.0) / deepest_of_table(p), 0.5 * dragged_depth * h / cell
-    m_x, m_y, push = _displace(p, tool, side, h_x, h_y, h, placed, n_placed)
+    m_x, m_y, push = _displace(p, tool, sums, h_x, h_y, h, placed, n_placed)
     n = 0
     for at in range((i1 - i0 + 1) * n_j):
         start = links[at]
@@ -328,7 +328,7 @@ def _velocity(v_0, w_0, x, y, z):
 
 
 @kernel
-def _displace(p, tool, side, h_x, h_y, h, placed, n_placed):
+def _displace(p, tool, sums, h_x, h_y, h, placed, n_placed):
     """Move the steep faces on; returns the displacement that counts [m], in world axes, and the mobilised share by displacement [1/m].
 
     Own choice: one displacement for the whole tool. Where it rolls, soil is left behind and replaced by soil that was not displaced yet,
@@ -343,9 +343,10 @@ def _displace(p, tool, side, h_x, h_y, h, placed, n_placed):
     u_x, u_y, _ = _velocity(tool.v_0, tool.w_0, x, y, z)
     rolling = math.hypot(tool.v_0[0] - u_x, tool.v_0[1] - u_y)
     kept = 1.0 / (1.0 + rolling * h / max(math.sqrt(total), p.cell))
-    along, across = (side[0] + h * (u_x * h_x + u_y * h_y)) * kept, (side[1] + h * (u_y * h_x - u_x * h_y)) * kept
-    side[0], side[1] = remembered(p.K, along, across)
-    m_x, m_y, _, secant = mobilised(p, side[0] * h_x - side[1] * h_y, side[0] * h_y + side[1] * h_x, u_x, u_y)
+    along, across = (sums[SIDE_ALONG] + h * (u_x * h_x + u_y * h_y)) * kept, (sums[SIDE_ACROSS] + h * (u_y * h_x - u_x * h_y)) * kept
+    along, across = remembered(p.K, along, across)
+    sums[SIDE_ALONG], sums[SIDE_ACROSS] = along, across
+    m_x, m_y, _, secant = mobilised(p, along * h_x - across * h_y, along * h_y + across * h_x, u_x, u_y)
     return m_x, m_y, secant
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
-from ..contact import NO_DATA, WHEEL_EVENTS, has_pose, refusal, sees
+from ..contact import WHEEL_EVENTS
 from ..slave.interface import (
     ENVIRONMENT,
     body_pose,
@@ -18,38 +17,17 @@ from ..slave.interface import (
     wheel_pose,
     wheel_wrench,
 )
-from ..slave.kernel import kernel
-from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
+from ..slave.kernel import MOST_THREADS
+from ..slave.model import Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL
+from ..soil import SOIL, check_bearing
 from ..terrain.raster import load_raster
-from ..wheel import WHEEL
-from .bodies import (
-    BODY_NO_DATA,
-    BODY_OUTSIDE,
-    BODY_STILL_NO_DATA,
-    BODY_THROUGH,
-    NO_MESH,
-    answer_body,
-    approach_with_mesh,
-    body_contact,
-    half_sizes,
-    rearrange_body,
-    refused_body,
-    wheel_contact_with_mesh,
-)
+from ..wheel import WHEEL, check_wheel
+from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
 from .cloud import WIDTH
-from .erosion import settle, slide
-from .flow import press
-from .heights import fill_patch, height_at, is_set
 from .meshes import load_meshes
 from .pool import SoilPool
-from .stress import pressure_modulus, tabulate
-from .tiles import SLIDING
-from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
-from .wheel import CELLS, DEEPEST, deepest_of_table, wheel_contact
-
-_OUTSIDE, _THROUGH, _FULL, _PATCH_OUTSIDE = 5, 6, 7, 8
+from .step import FULL, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
 
 
 class SCM(KernelModel):
@@ -95,18 +73,38 @@ class SCM(KernelModel):
             patch_spacing=Real(0.03, "m", "Distance of nodes in the patches for other tiers (section 8.4.2)", min=1e-4, max=1.0),
             map_min=Real(-1e6, "m", "Least x and y of the map", (2,), -1e6, 1e6),
             map_max=Real(1e6, "m", "Largest x and y of the map", (2,), -1e6, 1e6),
+            threads=Real(1.0, "1", "Threads that work on tools and landslides at once; no result depends on it", min=1.0, max=256.0),
             max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (14 kB each) that may be touched", min=1.0, max=1e8),
         )
     )
     events = WHEEL_EVENTS | {
-        _OUTSIDE: Event("wheel {i} leaves the map: keep it, half a wheel's length inside, within map_min, map_max and the base raster"),
-        _THROUGH: Event("wheel {i} is pressed through the soil's layer: raise layer_depth, lighten the wheel or take a stronger soil"),
-        _FULL: Event("the soil's pool is full: raise max_tiles, coarsen cell or shorten the drive"),
-        _PATCH_OUTSIDE: Event("patch[{i}] reaches beyond the map: keep trailing[{i}].r_0 within map_min, map_max and the base raster"),
+        OUTSIDE: Event(
+            "wheel {i}, at ({wheel.r_0[0]:.4g}, {wheel.r_0[1]:.4g}) m, leaves the map: keep it, half a wheel's length inside, "
+            "within map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+        ),
+        THROUGH: Event(
+            "wheel {i} is pressed through the soil's layer, layer_depth = {p.layer_depth:g} m: "
+            "raise layer_depth, lighten the wheel or take a stronger soil"
+        ),
+        FULL: Event(
+            "the soil's pool is full, max_tiles = {p.max_tiles:.0f} of 16 x 16 cells of {p.cell:g} m: "
+            "raise max_tiles, coarsen cell or shorten the drive"
+        ),
+        PATCH_OUTSIDE: Event(
+            "patch[{i}] reaches beyond the map: keep trailing[{i}].r_0, now ({trailing.r_0[0]:.4g}, {trailing.r_0[1]:.4g}) m, "
+            "half a patch inside map_min, map_max "
+            "({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+        ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
-        BODY_OUTSIDE: Event("body {i} leaves the map: keep the box around its mesh within map_min, map_max and the base raster"),
-        BODY_THROUGH: Event("body {i} is pressed through the soil's layer: raise layer_depth, lighten the body or take a stronger soil"),
+        BODY_OUTSIDE: Event(
+            "body {i}, at ({body.r_0[0]:.4g}, {body.r_0[1]:.4g}) m, leaves the map: keep the box around its mesh within map_min, map_max "
+            "({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+        ),
+        BODY_THROUGH: Event(
+            "body {i} is pressed through the soil's layer, layer_depth = {p.layer_depth:g} m: "
+            "raise layer_depth, lighten the body or take a stronger soil"
+        ),
         NO_MESH: Event("body[{i}].mesh names no file: give the path of a closed mesh (.stl, .obj or .ply, in metres)"),
     }
     pool_class = SoilPool
@@ -134,20 +132,25 @@ class SCM(KernelModel):
         self.outputs = (
             wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels) | patch_in(n_patches) | body_wrench(n_bodies)
         )
-        self.initialise_kernel = _initialise_with_bodies if n_bodies else _initialise
-        self.step_kernel = _step_kernel(n_patches > 0, n_bodies > 0)
+        self.initialise_kernel = initialise_kernel(n_bodies > 0)
+        self.step_kernel, self.parallel_step_kernel = step_kernels(n_patches > 0, n_bodies > 0)
 
     def check(self, p) -> None:
         if p.cell > p.b_w / 3.0:
             raise ModelError(
                 f"cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {p.b_w / 3.0:.3g} m"
             )
-        if p.n_g != math.floor(p.n_g):
-            raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")
-        if p.pressure_model == 1.0 and p.k_c / p.b_w + p.k_phi <= 0.0:
+        check_wheel(p)
+        for axis, low, high in zip("xy", p.map_min, p.map_max):
+            if low >= high:
+                raise ModelError(f"map_min = {low:g} m along {axis}: it must be less than map_max, which is {high:g} m")
+        if p.threads != math.floor(p.threads) or p.threads > MOST_THREADS:
             raise ModelError(
-                f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi <= 0 for wheel width b = {p.b_w:g} m; use a wider wheel or another soil"
+                f"threads = {p.threads:g}: it must be a whole number, on this machine at most {MOST_THREADS}; "
+                "numba's variable NUMBA_NUM_THREADS allows more"
             )
+        if p.pressure_model == 1.0:
+            check_bearing(p)
 
     def make_pool(self, p, files) -> SoilPool:
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
@@ -166,187 +169,3 @@ class SCM(KernelModel):
         except ModelError as error:
             raise ModelError(f"base = {error}") from None
         return SoilPool(p.cell, max(reach, meshes.reach + 5.0 * p.cell), n_wheels + n_bodies, int(p.max_tiles), base, meshes)
-
-
-@kernel
-def _initialise(t, p, x, y, *arrays):
-    x.stamp = 0.0
-    x.sweep_time = 0.0
-    x.compacted = 0.0
-    tabulate(p.n, deepest_of_table(p), x.powers)
-    for i in range(len(x.wheel)):
-        x.wheel[i].silent = x.wheel[i].side[0] = x.wheel[i].side[1] = 0.0
-
-
-@kernel
-def _initialise_with_bodies(t, p, x, y, *arrays):
-    _initialise(t, p, x, y, *arrays)
-    for i in range(len(x.body)):
-        x.body[i].silent = x.body[i].side[0] = x.body[i].side[1] = 0.0
-
-
-@cache
-def _step_kernel(patches: bool, bodies: bool):
-    """The step of a model with or without patches and bodies: the records of one without them have no such fields."""
-
-    @kernel
-    def step(t, h, p, u, x, y, *arrays):
-        rows, marks, head, ground, frame, elements, ranges, shapes = arrays[:8]
-        grid, corner, cells, sums, blocks, outflow, placed, links, around, moved, boxes = arrays[8:]
-        n_wheels = len(u.wheel)
-        # Refuse before anything changes, so that the state of a refused step is the old one.
-        for i in range(n_wheels):
-            wheel = u.wheel[i]
-            surface = height_at(p, rows, marks, head, ground, frame, wheel.r_0[0], wheel.r_0[1])
-            refused = refusal(p, wheel, x.wheel[i].silent, surface)
-            if refused:
-                return refused + STATUS_SPAN * i
-            if wheel.active > 0.0 and has_pose(wheel) and not wheel_inside(p, ground, frame, wheel):
-                return _OUTSIDE + STATUS_SPAN * i
-        if bodies:
-            for i in range(len(u.body)):
-                k = n_wheels + i
-                refused = refused_body(p, ground, frame, u.body[i], x.body[i].silent, ranges[k, 1] - ranges[k, 0], shapes[k])
-                if refused:
-                    return refused + STATUS_SPAN * i
-        if patches:
-            for i in range(len(u.trailing)):
-                if is_set(u.trailing[i].r_0) and not patch_inside(p, ground, frame, u.trailing[i].r_0, y.patch[i]):
-                    return _PATCH_OUTSIDE + STATUS_SPAN * i
-
-        for k in range(len(sums)):
-            sums[k, CELLS] = -1.0  # not near the ground
-        for i in range(n_wheels):
-            wheel = u.wheel[i]
-            if wheel.active > 0.0 and has_pose(wheel):
-                if ranges[i, 1] > ranges[i, 0]:
-                    done = approach_with_mesh(p, wheel, shapes[i], rows, marks, head, ground, frame, grid[i], corner[i], sums[i])
-                else:
-                    done = approach(p, wheel, rows, marks, head, ground, frame, grid[i], corner[i], sums[i])
-                if not done:
-                    return _FULL
-        if bodies:
-            for i in range(len(u.body)):
-                k, body = n_wheels + i, u.body[i]
-                if has_pose(body):
-                    done = approach_with_mesh(p, body, shapes[k], rows, marks, head, ground, frame, grid[k], corner[k], sums[k])
-                    if not done:
-                        return _FULL
-
-        # Stresses, all on the soil as it was at the step's begin.
-        x.stamp += 1.0
-        for i in range(n_wheels):
-            wheel, side, modulus = u.wheel[i], x.wheel[i].side, pressure_modulus(p, p.b_w)
-            if sums[i, CELLS] < 0.0:
-                side[0] = side[1] = 0.0
-            elif ranges[i, 1] > ranges[i, 0]:
-                wheel_contact_with_mesh(
-                    p,
-                    x,
-                    h,
-                    wheel,
-                    side,
-                    modulus,
-                    shapes[i],
-                    elements,
-                    ranges[i],
-                    rows,
-                    grid[i],
-                    corner[i],
-                    placed[i],
-                    links[i],
-                    cells[i],
-                    sums[i],
-                )
-            else:
-                side[1] = wheel_contact(
-                    p, wheel, side[1], x.powers, modulus, h, x.stamp, rows, grid[i], corner[i], blocks[i], cells[i], sums[i]
-                )
-        if bodies:
-            for i in range(len(u.body)):
-                k, body, side = n_wheels + i, u.body[i], x.body[i].side
-                if sums[k, CELLS] < 0.0:
-                    side[0] = side[1] = 0.0
-                else:
-                    body_contact(
-                        p,
-                        x,
-                        h,
-                        body,
-                        side,
-                        shapes[k],
-                        elements,
-                        ranges[k],
-                        rows,
-                        grid[k],
-                        corner[k],
-                        placed[k],
-                        links[k],
-                        cells[k],
-                        sums[k],
-                    )
-        for k in range(len(sums)):
-            if sums[k, CELLS] > 0.0 and sums[k, DEEPEST] > p.layer_depth:
-                x.stamp -= 1.0
-                return _THROUGH + STATUS_SPAN * k if k < n_wheels else BODY_THROUGH + STATUS_SPAN * (k - n_wheels)
-
-        status = 0
-        for i in range(n_wheels):
-            wheel = u.wheel[i]
-            if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
-                if sums[i, CELLS] >= 0.0:
-                    answer(p, wheel, sums[i], y.wheel[i], y.contact[i])
-                diagnose(p, ground, frame, wheel, sums[i], y.wheel[i], y.diagnostics[i])
-            elif x.wheel[i].silent > 0.0:
-                status = NO_DATA + STATUS_SPAN * i
-        if bodies:
-            for i in range(len(u.body)):
-                if not answer_body(u.body[i], x.body[i], sums[n_wheels + i], y.body[i]):
-                    status = BODY_NO_DATA + STATUS_SPAN * i
-
-        # The soil's turn.
-        for k in range(len(sums)):
-            if sums[k, CELLS] > 0.0:
-                x.compacted += press(p, sums[k], cells[k], x.stamp, rows, marks)
-        for i in range(n_wheels):
-            if sums[i, CELLS] > 0.0:
-                half, half_length = half_sizes(p, ranges[i], shapes[i])
-                rearrange(
-                    p,
-                    u.wheel[i],
-                    half,
-                    half_length,
-                    x.stamp,
-                    rows,
-                    marks,
-                    head,
-                    ground,
-                    frame,
-                    grid[i],
-                    corner[i],
-                    cells[i],
-                    sums[i],
-                    outflow[i],
-                )
-        if bodies:
-            for i in range(len(u.body)):
-                k = n_wheels + i
-                if sums[k, CELLS] > 0.0:
-                    rearrange_body(
-                        p, u.body[i], shapes[k], x.stamp, rows, marks, head, ground, frame, grid[k], corner[k], cells[k], sums[k]
-                    )
-        x.sweep_time += h
-        sweeps = 0
-        while x.sweep_time >= p.erosion_interval * (1.0 - 1e-9):
-            x.sweep_time -= p.erosion_interval
-            if sweeps < p.erosion_sweeps and head[SLIDING] > 0:
-                for k in range(head[SLIDING]):
-                    slide(p, rows, marks, head, ground, frame, x.stamp, k, around[k], moved[k])
-                settle(p, rows, marks, head, ground, frame, moved, boxes)
-                sweeps += 1
-        if patches:
-            for i in range(len(u.trailing)):
-                fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, y.patch[i])
-        return status
-
-    return step

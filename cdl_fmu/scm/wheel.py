@@ -22,9 +22,10 @@ from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, 
 #: Columns of a tool's list of pressed cells.
 ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(12)
 COLUMNS = FIRST + POINTS
-#: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells.
-F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
-SUMS = 14
+#: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,
+#: deepest floor; then the displacement of its steep faces against the soil beside them [m], which is updated.
+F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST, SIDE_ALONG, SIDE_ACROSS = range(16)
+SUMS = 16
 
 _CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
 
@@ -32,7 +33,7 @@ _CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
 @kernel
 def clear(sums):
     """No contact."""
-    for k in range(SUMS):
+    for k in range(SIDE_ALONG):
         sums[k] = 0.0
     sums[ALONG_MIN], sums[ALONG_MAX] = 1e9, -1e9
 
@@ -92,12 +93,11 @@ def deepest_of_table(p):
 
 
 @kernel
-def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, block, cells, sums):
+def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block, cells, sums):
     """Stresses on a wheel with soil under it.
 
     Args:
         wheel: Its input record.
-        side: Displacement of its sides against the soil beside them [m], to the left; updated value is returned.
         table: Powers of the depth, see ``tabulate``.
         modulus: k of the pressure law [N/m^(n+2)].
         h: Length of the step [s].
@@ -106,9 +106,6 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
         block: Memory for the cells that are worked on together, a record of ``rim.DTYPE``.
         cells: Filled with the pressed cells, [n, COLUMNS].
         sums: Filled with the sums, [SUMS].
-
-    Returns:
-        Displacement of the sides [m].
     """
     clear(sums)
     r_0, r, half, cell = wheel.r_0, p.r_w, 0.5 * p.b_w, p.cell
@@ -156,7 +153,10 @@ def wheel_contact(p, wheel, side, table, modulus, h, stamp, rows, grid, corner, 
     sums[CELLS] = n
     if p.n_g > 0.0 and p.h_g > 0.0:
         _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums)
-    return _sides(p, wheel, side, h, rows, grid, corner, sums) if n > 0 else 0.0
+    if n > 0:
+        _sides(p, wheel, h, rows, grid, corner, sums)
+    else:
+        sums[SIDE_ACROSS] = 0.0
 
 
 @kernel
@@ -273,8 +273,8 @@ def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
 
 
 @kernel
-def _sides(p, wheel, side, h, rows, grid, corner, sums):
-    """Passive earth pressure of the soil beside the wheel, mobilised by its displacement across; returns that displacement [m].
+def _sides(p, wheel, h, rows, grid, corner, sums):
+    """Passive earth pressure of the soil beside the wheel, mobilised by its displacement across.
 
     Own choice: soil beside a rolling wheel is left behind and replaced by soil that was not displaced yet, so displacement relaxes over
     the length of contact. Mobilised by K as the shear below the rim.
@@ -285,8 +285,8 @@ def _sides(p, wheel, side, h, rows, grid, corner, sums):
     cell, gamma_s, N_phi = p.cell, p.rho * p.gravity, flow_value(p.phi)
     length = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
     u = v_y + w_x * p.r_w  # of the rim's lowest point
-    side = (side + u * h) / (1.0 + abs(v_x) * h / length)
-    side, _ = remembered(p.K, side, 0.0)
+    side, _ = remembered(p.K, (sums[SIDE_ACROSS] + u * h) / (1.0 + abs(v_x) * h / length), 0.0)
+    sums[SIDE_ACROSS] = side
     m, _, _, secant = mobilised(p, side, 0.0, u, 0.0)
     r_0 = wheel.r_0
     edge = math.copysign(0.5 * p.b_w * level, m)  # the side that pushes
@@ -306,4 +306,3 @@ def _sides(p, wheel, side, h, rows, grid, corner, sums):
         # A pressure that grows with depth acts at a third of the height.
         add_force(sums, x, edge, bottom + wall / 3.0, 0.0, -stiffness * m, 0.0)
         sums[K_Y] += whole(stiffness)
-    return side

@@ -27,6 +27,9 @@ warnings.filterwarnings("ignore", category=numba.NumbaExperimentalFeatureWarning
 #: How numba compiles every kernel, here and for export: without its run-time, as kernels allocate nothing and count no references.
 OPTIONS = dict(error_model="numpy", boundscheck=False, _nrt=False)
 
+#: Threads that numba may use on this machine.
+MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS
+
 
 class CacheError(Exception):
     """A cache folder that cannot be written; the message names it and the remedy."""
@@ -59,28 +62,32 @@ def sources_hash() -> str:
     return digest.hexdigest()
 
 
-def kernel(function=None, *, inline: bool = False):
+def kernel(function=None, *, inline: bool = False, parallel: bool = False):
     """Compile a function as a kernel: plain numba, no Python objects, no allocation (see CONTRIBUTING.md for the rules).
 
-    ``inline`` puts the code into every caller: for small functions of arrays, whose arguments cost more than their work.
+    ``inline`` puts the code into every caller: for small functions of arrays, whose arguments cost more than their work. ``parallel`` runs
+    loops over ``numba.prange`` with several threads: for twins of kernels, as such code needs numba's run-time and cannot be exported.
     """
     if function is None:
-        return lambda function: kernel(function, inline=inline)
+        return lambda function: kernel(function, inline=inline, parallel=parallel)
     saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder("kernels", sources_hash()[:16]))
     try:
-        return numba.njit(cache=True, forceinline=inline, **OPTIONS)(function)
+        return numba.njit(cache=True, forceinline=inline, **OPTIONS, **(dict(parallel=True) if parallel else {}))(function)
     finally:
         numba.config.CACHE_DIR = saved
 
 
 @cache
-def record_entry(function, arguments: str):
+def array_entry(function, arguments: str, *, records: bool = True):
     """Entry to a kernel that takes each record as an array of length one: numba dispatches those 4 times faster than records.
 
-    ``arguments`` lists the kernel's arguments, records in capitals, numbers and arrays in lower case: ``"t, h, P, U, X, Y"``.
+    Args:
+        function: The kernel.
+        arguments: Its arguments, records in capitals, numbers and arrays in lower case: ``"t, h, P, U, X, Y"``.
+        records: Whether the kernel takes records; else it takes these arrays as they are.
     """
     names = arguments.split(", ")
-    call = ", ".join(f"{n}[0]" if n.isupper() else n for n in names)
+    call = ", ".join(f"{n}[0]" if n.isupper() and records else n for n in names)
     # numba's cache tells the entries of one file apart by their names alone.
     name = re.sub(r"\W+", "_", f"{function.py_func.__qualname__}_entry")
     source = f"def {name}({', '.join(names)}):\n    return target({call})\n"

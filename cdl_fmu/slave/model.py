@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
+import numba
 import numpy as np
 
-from .kernel import compiled, kernel, record_entry
+from .kernel import array_entry, compiled, kernel
 from .pool import Pool
-from .records import Choice, Record, Scalar
+from .records import Array, Choice, Record, Scalar
 from .state import State
 
 
@@ -22,7 +23,11 @@ class ModelError(Exception):
 
 @dataclass(frozen=True)
 class Event:
-    """What a step's status number means. ``text`` may use ``{i}``, the number from 1 of the wheel, patch or body concerned."""
+    """What a step's status number means.
+
+    ``text`` is a format that may use ``{i}``, the number from 1 of the wheel, patch or body concerned, the parameters as in ``{p.r_w:g}``,
+    and that wheel's, patch's or body's inputs as in ``{wheel.r_0[2]:.4g}``.
+    """
 
     text: str
     is_error: bool = True
@@ -88,23 +93,34 @@ _PARTS = {"p": "parameters", "u": "inputs", "x": "state", "y": "outputs"}
 class KernelModel(Model):
     """A model whose functions are kernels ``initialise_kernel(t, p, x, y)`` and ``step_kernel(t, h, p, u, x, y) -> status``.
 
-    Where the model has a pool, the pool's arrays follow: ``step_kernel(t, h, p, u, x, y, *arrays)``.
+    Where the model has a pool, the pool's arrays follow: ``step_kernel(t, h, p, u, x, y, *arrays)``. A model with a parameter ``threads``
+    has a twin of its step for several threads, ``parallel_step_kernel``, which gets each record as an array of length one.
     """
 
     initialise_kernel: object
     step_kernel: object
+    parallel_step_kernel: object | None = None
 
     def bind(self, instance: Instance):
         P, U, X, Y = instance.arrays
         pool = instance.pool
         arrays = () if pool is None else pool.arrays
         more = "".join(f", a{i}" for i in range(len(arrays)))
-        initialise = compiled(record_entry(self.initialise_kernel, f"t, P, X, Y{more}"), 0.0, P, X, Y, *arrays)
-        step = compiled(record_entry(self.step_kernel, f"t, h, P, U, X, Y{more}"), 0.0, 0.0, P, U, X, Y, *arrays)
+        initialise = compiled(array_entry(self.initialise_kernel, f"t, P, X, Y{more}"), 0.0, P, X, Y, *arrays)
+        several = self.parallel_step_kernel is not None and instance.p.threads > 1.0
+        chosen = self.parallel_step_kernel if several else self.step_kernel
+        step = compiled(array_entry(chosen, f"t, h, P, U, X, Y{more}", records=not several), 0.0, 0.0, P, U, X, Y, *arrays)
         if pool is None:
             return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
+        threads = int(instance.p.threads) if several else 1
+
         # The pool's arrays as they are at the time of the call: growth replaces them.
-        return lambda t: initialise(t, P, X, Y, *pool.arrays), lambda t, h: step(t, h, P, U, X, Y, *pool.arrays)
+        def step_with_pool(t, h):
+            if several:
+                numba.set_num_threads(threads)  # a setting of the calling thread, which other instances share
+            return step(t, h, P, U, X, Y, *pool.arrays)
+
+        return lambda t: initialise(t, P, X, Y, *pool.arrays), step_with_pool
 
 
 class Instance:
@@ -244,7 +260,10 @@ class Instance:
 
     def _report(self, status: int, t: float) -> None:
         event = self.model.events[status % STATUS_SPAN]
-        text = f"{self.name}: {event.text.format(i=status // STATUS_SPAN + 1)} (t = {t:.6g} s)"
+        index = status // STATUS_SPAN
+        fields = self.model.inputs.fields.items()
+        inputs = {name: getattr(self.u, name)[index] for name, field in fields if isinstance(field, Array) and index < field.n}
+        text = f"{self.name}: {event.text.format(i=index + 1, p=self.p, **inputs)} (t = {t:.6g} s)"
         if event.is_error:
             raise ModelError(text)
         if status not in self._warned:

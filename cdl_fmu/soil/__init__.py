@@ -6,6 +6,7 @@ import difflib
 import tomllib
 from pathlib import Path
 
+from ..slave.model import ModelError
 from ..slave.records import Real, Record
 
 _FOLDER = Path(__file__).parent
@@ -25,6 +26,17 @@ SOIL = Record(
     phi=_soil("phi", "rad", "Angle of internal friction", 0.0, 1.3),
     rho=_soil("rho", "kg/m3", "Bulk density", 0.0, 1e4),
 )
+
+
+def check_bearing(p) -> None:
+    """Raise ModelError for a soil that bears nothing under the width of the wheel, by Bekker's law."""
+    modulus = p.k_c / p.b_w + p.k_phi
+    if modulus <= 0.0:
+        least = f"a wheel wider than {-p.k_c / p.k_phi:.3g} m or " if p.k_phi > 0.0 else ""
+        raise ModelError(
+            f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi {'<' if modulus < 0.0 else '='} 0 for wheel width b = {p.b_w:g} m; "
+            f"use {least}another soil"
+        )
 
 
 class SoilError(ValueError):
