@@ -54,7 +54,7 @@ def test_parameters_that_are_refused(parameters, text):
             dict(layer_depth=0.02),
             dict(depth=0.01),
             dict(up=-0.05),
-            "wheel 1 is pressed through the soil's layer, layer_depth = 0.02 m: raise layer_depth, lighten the wheel or take a stronger soil",
+            "wheel 1 is pressed through the soil's layer, layer_depth = 0.02 m: raise layer_depth, lighten the wheel or take a stronger",
         ),
         (
             dict(max_tiles=12),

@@ -29,6 +29,8 @@ from .meshes import load_meshes
 from .pool import SoilPool
 from .step import FULL, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
 
+_MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+
 
 class SCM(KernelModel):
     """Soil contact model: wheels and other bodies on sand that deforms, keeps ruts and slides down slopes.
@@ -74,13 +76,13 @@ class SCM(KernelModel):
             map_min=Real(-1e6, "m", "Least x and y of the map", (2,), -1e6, 1e6),
             map_max=Real(1e6, "m", "Largest x and y of the map", (2,), -1e6, 1e6),
             threads=Real(1.0, "1", "Threads that work on tools and landslides at once; no result depends on it", min=1.0, max=256.0),
-            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (14 kB each) that may be touched", min=1.0, max=1e8),
+            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (23 kB each) that may be touched", min=1.0, max=1e8),
         )
     )
     events = WHEEL_EVENTS | {
         OUTSIDE: Event(
             "wheel {i}, at ({wheel.r_0[0]:.4g}, {wheel.r_0[1]:.4g}) m, leaves the map: keep it, half a wheel's length inside, "
-            "within map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+            f"within {_MAP}"
         ),
         THROUGH: Event(
             "wheel {i} is pressed through the soil's layer, layer_depth = {p.layer_depth:g} m: "
@@ -92,14 +94,12 @@ class SCM(KernelModel):
         ),
         PATCH_OUTSIDE: Event(
             "patch[{i}] reaches beyond the map: keep trailing[{i}].r_0, now ({trailing.r_0[0]:.4g}, {trailing.r_0[1]:.4g}) m, "
-            "half a patch inside map_min, map_max "
-            "({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+            f"half a patch inside {_MAP}"
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
         BODY_OUTSIDE: Event(
-            "body {i}, at ({body.r_0[0]:.4g}, {body.r_0[1]:.4g}) m, leaves the map: keep the box around its mesh within map_min, map_max "
-            "({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+            f"body {{i}}, at ({{body.r_0[0]:.4g}}, {{body.r_0[1]:.4g}}) m, leaves the map: keep the box around its mesh within {_MAP}"
         ),
         BODY_THROUGH: Event(
             "body {i} is pressed through the soil's layer, layer_depth = {p.layer_depth:g} m: "
