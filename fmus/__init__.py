@@ -1,12 +1,13 @@
 """What is shipped: the contact tiers, the FMUs that ``cdl build`` makes, and the experiments (TOML files beside this one)."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
 from cdl_fmu.bcm import BCM
 from cdl_fmu.scm import SCM
-from cdl_fmu.slave.model import KernelModel
+from cdl_fmu.slave.model import KernelModel, Model, ModelError
 from mbs.driver import Driver
 from mbs.rover import Rover
 
@@ -16,11 +17,39 @@ TIERS = {"BCM": BCM, "SCM": SCM}
 #: Every FMU that is shipped, one for each set of sizes.
 SHIPPED = [BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), SCM(1), SCM(2), SCM(1, 1), Rover(2), Driver(2)]
 
+_FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver}
+_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies"}
+
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.
 CLAIMS = Path(__file__).with_name("two_wheel_claims.toml")
 
 #: Name of a shipped experiment -> its file.
 EXPERIMENTS = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml")) if path != CLAIMS}
+
+
+def model_of(identifier: str) -> Model:
+    """The model of an FMU's name, in the sizes that the name gives: ``cdl_scm_w4p2b1`` has 4 wheels, 2 patches and a body.
+
+    Raises:
+        ModelError: There is no model of that name, or not in these sizes.
+    """
+    found = re.fullmatch(r"(cdl_[a-z]+)_((?:[a-z][1-9]\d*)+)", identifier)
+    family = _FAMILIES.get(found[1]) if found else None
+    sizes = dict(re.findall(r"([a-z])(\d+)", found[2])) if family else {}
+    why = ""
+    try:
+        model = family(**{_SIZES[letter]: int(size) for letter, size in sizes.items()})
+        if model.identifier == identifier:
+            return model
+    except (KeyError, TypeError):
+        pass
+    except ValueError as error:
+        why = f": {error}"
+    shipped = ", ".join(model.identifier for model in SHIPPED)
+    raise ModelError(
+        f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p) and bodies (b) "
+        "others can be built, such as cdl_scm_w4p2b1"
+    )
 
 
 def contacts(tiers: Iterable[str]) -> dict[str, KernelModel]:

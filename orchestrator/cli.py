@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 _EXAMPLES = {
     "run": "cdl run two_wheel --tiers BCM,BCM --stop-time 2 --set soil.phi=0.6",
     "compare": "cdl compare two_wheel --out results/compare",
-    "build": "cdl build --out my_fmus",
+    "build": "cdl build cdl_scm_w4b1 --file body[1].mesh=rock.stl --out my_fmus",
     "info": "cdl info cdl_bcm_w2",
     "plot": "cdl plot results/two_wheel -o drive.pdf",
     "export": "cdl export two_wheel -o rover.ssp",
@@ -177,22 +177,31 @@ def compare(
 
 @app.command(epilog=f"Example:  {_EXAMPLES['build']}")
 def build(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FMU]...", help="Names of FMUs, in any sizes: cdl_scm_w4p2b1. Default: all that are shipped."),
+    ] = None,
+    files: Annotated[
+        list[str] | None,
+        typer.Option("--file", metavar="NAME=PATH", help="File to pack into the FMU, for the file parameter NAME; repeat for more."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Folder to write. Default: fmus/build of a checkout, else ./fmus/build."),
     ] = None,
 ) -> None:
-    """Build every shipped FMU, for use in other tools. Runs need no build: they use a cache."""
+    """Build FMUs, for use in other tools. Runs need no build: they use a cache."""
     _require_platform()
     from cdl_fmu.slave.build import build_fmu
-    from fmus import SHIPPED
+    from fmus import SHIPPED, model_of
 
     from .terminal import output, table
 
     folder = out or _build_folder()
     rows = table("FMU", "model", "inputs", "outputs", "parameters", right=("inputs", "outputs", "parameters"))
-    for model in SHIPPED:
-        path = build_fmu(model, folder / f"{model.identifier}.fmu")
+    packed = {name: Path(path) for name, path in (_assignment(text, "--file", "body[1].mesh=rock.stl") for text in files or ())}
+    for model in [model_of(name) for name in names] if names else SHIPPED:
+        path = build_fmu(model, folder / f"{model.identifier}.fmu", files=packed)
         first_line = (type(model).__doc__ or "").split("\n")[0]
         rows.add_row(path.name, first_line, *(str(len(record)) for record in (model.inputs, model.outputs, model.parameters)))
     output().print(rows)
@@ -316,15 +325,21 @@ def _overrides(settings: list[str] | None) -> dict[str, object]:
 
     overrides: dict[str, object] = {}
     for setting in settings or ():
-        key, equals, text = setting.partition("=")
-        if not (key and equals):
-            raise typer.BadParameter(f"{setting!r}: write KEY=VALUE, e.g. soil.phi=0.6", param_hint="--set")
+        key, text = _assignment(setting, "--set", "soil.phi=0.6")
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text
-        overrides[key.strip()] = value
+        overrides[key] = value
     return overrides
+
+
+def _assignment(text: str, option: str, example: str) -> tuple[str, str]:
+    """Both sides of an option's ``KEY=VALUE``."""
+    key, equals, value = text.partition("=")
+    if not (key and equals):
+        raise typer.BadParameter(f"{text!r}: write KEY=VALUE, e.g. {example}", param_hint=option)
+    return key.strip(), value
 
 
 def _summarise(outcome, wheels: list[dict], resumed: bool) -> None:

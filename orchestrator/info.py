@@ -12,7 +12,8 @@ from fmpy.model_description import ScalarVariable
 from rich.table import Table
 
 from cdl_fmu.slave.build import cached_fmu
-from fmus import SHIPPED
+from cdl_fmu.slave.model import ModelError
+from fmus import model_of
 
 from .results import ResultError, open_result
 from .ssp import UNPACKED
@@ -24,20 +25,20 @@ _SHOWN = 9  # start values of an array: those of a matrix
 
 
 def describe(what: str) -> Iterator[str | Table]:
-    """Texts and tables on an FMU (path, or identifier of a shipped model) or a result (path of file or folder).
+    """Texts and tables on an FMU (path, or identifier of a model) or a result (path of file or folder).
 
     Raises:
         ResultError: there is nothing of that name.
         SspError: not a FMI 2.0 co-simulation FMU.
     """
     path = Path(what)
-    shipped = {model.identifier: model for model in SHIPPED}
     if path.is_dir() or path.suffix == ".nc":
         return _result(path)
     if not path.exists():
-        if what not in shipped:
-            raise ResultError(f"no FMU or result {what!r}: give a path, or one of {', '.join(shipped)}")
-        path = cached_fmu(shipped[what])
+        try:
+            path = cached_fmu(model_of(what))
+        except ModelError as error:
+            raise ResultError(f"no FMU or result {what!r}: give a path, or a name: {error}") from None
     return _fmu(load_component(path.stem, path, UNPACKED))
 
 

@@ -10,12 +10,14 @@ import subprocess
 import sys
 import threading
 import time
+import zipfile
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 import ssp_fmus
+import trimesh
 from fmpy.util import read_csv
 from rich.console import Console
 from scipy.io import loadmat
@@ -257,6 +259,21 @@ def test_build_makes_every_shipped_fmu(tmp_path):
     assert f"written to {tmp_path / 'new'}" in done.stdout
 
 
+def test_build_makes_an_fmu_in_any_sizes_with_files_in_it(tmp_path):
+    rock = tmp_path / "rock.stl"
+    trimesh.creation.icosphere(subdivisions=2, radius=0.05).export(rock)
+    cdl("build", "cdl_scm_w1b1", "--file", f"body[1].mesh={rock}", "--out", tmp_path)
+    assert "resources/rock.stl" in zipfile.ZipFile(tmp_path / "cdl_scm_w1b1.fmu").namelist()
+    assert "body[1].r_0[1..3]" in cdl("info", tmp_path / "cdl_scm_w1b1.fmu").stdout
+
+
+def test_build_refuses_what_there_is_not(tmp_path):
+    assert "there is no FMU 'cdl_scm_w0'; shipped are cdl_bcm_w1, " in refusal("build", "cdl_scm_w0")
+    assert "there is no FMU 'cdl_bcm_w3p1': n_patches = 1: choose 0 (flat ground) or 3" in refusal("build", "cdl_bcm_w3p1")
+    assert "'rock.stl': write KEY=VALUE, e.g. body[1].mesh=rock.stl" in refusal("build", "cdl_scm_w1b1", "--file", "rock.stl")
+    assert "body[1].mesh = 'no.stl': no such file" in refusal("build", "cdl_scm_w1b1", "--file", "body[1].mesh=no.stl", "--out", tmp_path)
+
+
 def test_build_goes_into_a_checkout_only(tmp_path, monkeypatch):
     assert cli._build_folder() == Path(cli.__file__).parents[1] / "fmus" / "build"
     monkeypatch.setattr(cli, "__file__", str(tmp_path / "site-packages" / "orchestrator" / "cli.py"))
@@ -291,7 +308,7 @@ def test_info_of_a_result_lists_its_channels(folder):
 
 
 def test_info_of_nothing():
-    assert "no FMU or result 'wheel': give a path, or one of cdl_bcm_w1, " in refusal("info", "wheel")
+    assert "no FMU or result 'wheel': give a path, or a name: there is no FMU 'wheel'; shipped are cdl_bcm_w1, " in refusal("info", "wheel")
 
 
 def test_fold_joins_whole_blocks_alone():
