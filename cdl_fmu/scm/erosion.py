@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ..slave.kernel import kernel
 from .tiles import (
     BASE,
@@ -38,55 +40,94 @@ _SHARE_CORNER = 0.2  # the same between two cells that share a corner
 _FASTEST = 0.05  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
 _AT_REST = 0.004  # excess of the slope that stays: below the 0.01 of a cell that is asked for
 _REACH = 2  # cells around one that moved whose faces feel it
-#: Width of the surroundings of a tile: a cell on each side.
-AROUND = TILE + 2
+
+#: Cell a of a tile has the index a + EDGE in its surroundings, so that no neighbour of a cell around the tile has an index below 0.
+EDGE = 2
+_AROUND = TILE + EDGE + 1
+#: Memory for a tile that slides: heights [m] and whether they are held (0 or 1) of its cells and those around it, the change of each [m],
+#: and whether soil may flow from a cell of the row that is looked at (0 or 1). Of fixed sizes, so that loops become vector instructions.
+DTYPE = np.dtype([(name, np.float64, (_AROUND, _AROUND)) for name in ("z", "held", "moved")] + [("steep", np.float64, (_AROUND,))])
 
 
 @kernel
-def slide(p, rows, marks, head, ground, frame, stamp, k, around, moved):
+def slide(p, rows, marks, head, ground, frame, stamp, k, tile):
     """What a sweep does to the tile at place k of the queue.
 
     Args:
-        around: Memory for its heights and whether they are held, [2, AROUND, AROUND].
-        moved: Filled with the change of each cell in its box [m], [AROUND, AROUND] with a margin of one cell.
+        tile: Memory for it, a record of ``DTYPE``, whose ``moved`` is filled with the change of each cell in its box, and around it.
     """
     row = head[QUEUE + k]
-    i0, i1, j0, j1 = marks[row, BOX] + 1, marks[row, BOX + 1] + 1, marks[row, BOX + 2] + 1, marks[row, BOX + 3] + 1
-    _gather(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, around)
+    i0, i1, j0, j1 = marks[row, BOX] + EDGE, marks[row, BOX + 1] + EDGE, marks[row, BOX + 2] + EDGE, marks[row, BOX + 3] + EDGE
+    _gather(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, tile)
     for i in range(i0 - 1, i1 + 2):
         for j in range(j0 - 1, j1 + 2):
-            moved[i, j] = 0.0
+            tile.moved[i, j] = 0.0
     tan_repose = math.tan(p.repose)
     low = ((tan_repose + _AT_REST) * p.cell) ** 2
     corner = (math.sqrt(2.0) * tan_repose + 2.0 * _AT_REST) * p.cell
     for i in range(i0 - 1, i1 + 1):
+        if not _may_flow(i, low, corner, tile):
+            continue
         for j in range(j0 - 1, j1 + 1):
-            here, beside, before, beyond = around[0, i, j], around[0, i + 1, j], around[0, i, j + 1], around[0, i + 1, j + 1]
+            if tile.steep[j] == 0.0:
+                continue
+            here, beside, before, beyond = tile.z[i, j], tile.z[i + 1, j], tile.z[i, j + 1], tile.z[i + 1, j + 1]
             if j >= j0:
-                n = here - beside
-                t = 0.25 * ((before - around[0, i, j - 1]) + (beyond - around[0, i + 1, j - 1]))
-                if n * n + t * t > low and around[1, i, j] + around[1, i + 1, j] == 0.0:
+                n, t = _across_x(i, j, tile)
+                if n * n + t * t > low and tile.held[i, j] + tile.held[i + 1, j] == 0.0:
                     flow = _flow(p, n, t, tan_repose)
-                    moved[i, j] -= flow
-                    moved[i + 1, j] += flow
+                    tile.moved[i, j] -= flow
+                    tile.moved[i + 1, j] += flow
             if i >= i0:
-                n = here - before
-                t = 0.25 * ((beside - around[0, i - 1, j]) + (beyond - around[0, i - 1, j + 1]))
-                if n * n + t * t > low and around[1, i, j] + around[1, i, j + 1] == 0.0:
+                n, t = _across_y(i, j, tile)
+                if n * n + t * t > low and tile.held[i, j] + tile.held[i, j + 1] == 0.0:
                     flow = _flow(p, n, t, tan_repose)
-                    moved[i, j] -= flow
-                    moved[i, j + 1] += flow
+                    tile.moved[i, j] -= flow
+                    tile.moved[i, j + 1] += flow
             # Across corners: only where the faces leave an edge that is too steep.
             n = here - beyond
-            if abs(n) > corner and around[1, i, j] + around[1, i + 1, j + 1] == 0.0:
+            if abs(n) > corner and tile.held[i, j] + tile.held[i + 1, j + 1] == 0.0:
                 flow = _corner_flow(p, n, tan_repose)
-                moved[i, j] -= flow
-                moved[i + 1, j + 1] += flow
+                tile.moved[i, j] -= flow
+                tile.moved[i + 1, j + 1] += flow
             n = beside - before
-            if abs(n) > corner and around[1, i + 1, j] + around[1, i, j + 1] == 0.0:
+            if abs(n) > corner and tile.held[i + 1, j] + tile.held[i, j + 1] == 0.0:
                 flow = _corner_flow(p, n, tan_repose)
-                moved[i + 1, j] -= flow
-                moved[i, j + 1] += flow
+                tile.moved[i + 1, j] -= flow
+                tile.moved[i, j + 1] += flow
+
+
+@kernel(inline=True)
+def _across_x(i, j, tile):
+    """Difference of the heights [m per cell] across the face between (i, j) and (i + 1, j), and along it."""
+    along = (tile.z[i, j + 1] - tile.z[i, j - 1]) + (tile.z[i + 1, j + 1] - tile.z[i + 1, j - 1])
+    return tile.z[i, j] - tile.z[i + 1, j], 0.25 * along
+
+
+@kernel(inline=True)
+def _across_y(i, j, tile):
+    """The same for the face between (i, j) and (i, j + 1)."""
+    along = (tile.z[i + 1, j] - tile.z[i - 1, j]) + (tile.z[i + 1, j + 1] - tile.z[i - 1, j + 1])
+    return tile.z[i, j] - tile.z[i, j + 1], 0.25 * along
+
+
+@kernel
+def _may_flow(i, low, corner, tile):
+    """Mark the cells of row i one of whose four faces and corners towards higher indices is too steep; True if there is one.
+
+    All of a row at once, box or not: most faces are at rest, and vector instructions tell in a fraction of the time.
+    """
+    n_steep = 0
+    for m in range(_AROUND - 2):
+        j = m + 1
+        n_x, t_x = _across_x(i, j, tile)
+        n_y, t_y = _across_y(i, j, tile)
+        faces = max(n_x * n_x + t_x * t_x, n_y * n_y + t_y * t_y)
+        corners = max(abs(tile.z[i, j] - tile.z[i + 1, j + 1]), abs(tile.z[i + 1, j] - tile.z[i, j + 1]))
+        steep = faces > low or corners > corner
+        tile.steep[j] = 1.0 if steep else 0.0
+        n_steep += 1 if steep else 0
+    return n_steep > 0
 
 
 @kernel(inline=True)
@@ -108,38 +149,40 @@ def _limited(p, flow):
 
 
 @kernel
-def _gather(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, around):
-    """Heights of a box and the cells around it; held (1) are those under a tool, and those outside their own tile's box.
-
-    Indices count from the cell before the tile's first.
-    """
-    for i in range(max(i0 - 1, 1), min(i1 + 1, TILE) + 1):
-        for j in range(max(j0 - 1, 1), min(j1 + 1, TILE) + 1):
-            around[0, i, j] = rows[row, BASE, i - 1, j - 1] + (rows[row, FILL, i - 1, j - 1] - rows[row, SINKAGE, i - 1, j - 1])
-            inside = i0 <= i <= i1 and j0 <= j <= j1
-            around[1, i, j] = 0.0 if inside and rows[row, STAMP, i - 1, j - 1] != stamp else 1.0
-    if i0 == 1:
-        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, 0, 0, j0 - 1, j1 + 1, around)
-    if i1 == TILE:
-        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, TILE + 1, TILE + 1, j0 - 1, j1 + 1, around)
-    if j0 == 1:
-        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, max(i0 - 1, 1), min(i1 + 1, TILE), 0, 0, around)
-    if j1 == TILE:
-        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, max(i0 - 1, 1), min(i1 + 1, TILE), TILE + 1, TILE + 1, around)
+def _gather(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, tile):
+    """Heights of a box and the cells around it; held are those under a tool, and those outside their own tile's box."""
+    first, last = EDGE, EDGE + TILE - 1
+    for i in range(max(i0 - 1, first), min(i1 + 1, last) + 1):
+        a = i - EDGE
+        for b in range(TILE):
+            tile.z[i, b + EDGE] = rows[row, BASE, a, b] + (rows[row, FILL, a, b] - rows[row, SINKAGE, a, b])
+            tile.held[i, b + EDGE] = 1.0 if rows[row, STAMP, a, b] == stamp else 0.0
+        tile.held[i, j0 - 1] = tile.held[i, j1 + 1] = 1.0
+        if not i0 <= i <= i1:
+            for j in range(j0, j1 + 1):
+                tile.held[i, j] = 1.0
+    if i0 == first:
+        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, first - 1, first - 1, j0 - 1, j1 + 1, tile)
+    if i1 == last:
+        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, last + 1, last + 1, j0 - 1, j1 + 1, tile)
+    if j0 == first:
+        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, max(i0 - 1, first), min(i1 + 1, last), first - 1, first - 1, tile)
+    if j1 == last:
+        _gather_strip(p, rows, marks, head, ground, frame, stamp, row, max(i0 - 1, first), min(i1 + 1, last), last + 1, last + 1, tile)
 
 
 @kernel
-def _gather_strip(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, around):
+def _gather_strip(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, tile):
     """The same for cells of neighbouring tiles."""
     last_a = last_b = 0
     other = row
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
-            a, b = (i + TILE - 1) // TILE - 1, (j + TILE - 1) // TILE - 1
+            a, b = (i - EDGE + TILE) // TILE - 1, (j - EDGE + TILE) // TILE - 1
             if a != last_a or b != last_b:
                 last_a, last_b = a, b
                 other = find(marks, head, marks[row, TILE_I] + a, marks[row, TILE_J] + b)
-            u, v = i - 1 - a * TILE, j - 1 - b * TILE
+            u, v = i - EDGE - a * TILE, j - EDGE - b * TILE
             held = 1.0
             if other < 0:
                 height = base_height(p, ground, frame, (marks[row, TILE_I] + a) * TILE + u, (marks[row, TILE_J] + b) * TILE + v)
@@ -148,26 +191,26 @@ def _gather_strip(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j
                 box = marks[other, BOX] <= u <= marks[other, BOX + 1] and marks[other, BOX + 2] <= v <= marks[other, BOX + 3]
                 if box and rows[other, STAMP, u, v] != stamp:
                     held = 0.0
-            around[0, i, j] = height
-            around[1, i, j] = held
+            tile.z[i, j] = height
+            tile.held[i, j] = held
 
 
 @kernel
-def settle(p, rows, marks, head, ground, frame, moved, boxes):
+def settle(p, rows, marks, head, ground, frame, tiles, boxes):
     """Move the soil of all tiles in the queue as ``slide`` found, and queue what may slide next.
 
     Args:
-        moved: Changes of the cells of each tile in the queue [m], [n, AROUND, AROUND].
+        tiles: What ``slide`` found for each tile in the queue, records of ``DTYPE``.
         boxes: Memory for the box of cells that moved in each, [n, 4].
     """
     n = head[SLIDING]
     for k in range(n):
-        row = head[QUEUE + k]
+        row, moved = head[QUEUE + k], tiles[k].moved
         first_i, last_i, first_j, last_j = TILE, -1, TILE, -1
         for i in range(marks[row, BOX], marks[row, BOX + 1] + 1):
             for j in range(marks[row, BOX + 2], marks[row, BOX + 3] + 1):
-                if moved[k, i + 1, j + 1] != 0.0:
-                    add_soil(rows, row, i, j, moved[k, i + 1, j + 1])
+                if moved[i + EDGE, j + EDGE] != 0.0:
+                    add_soil(rows, row, i, j, moved[i + EDGE, j + EDGE])
                     first_i, last_i, first_j, last_j = min(first_i, i), max(last_i, i), min(first_j, j), max(last_j, j)
         i, j = marks[row, TILE_I] * TILE, marks[row, TILE_J] * TILE
         boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = i + first_i, i + last_i, j + first_j, j + last_j

@@ -9,11 +9,10 @@ import numpy as np
 
 from ..slave.pool import RowPool, SavedRows
 from ..terrain.raster import Raster
+from . import erosion, rim
 from .cloud import PLACED
-from .erosion import AROUND
 from .flow import OUTFLOWS
 from .meshes import Meshes
-from .rim import DTYPE
 from .tiles import BASE, FIELDS, FILL, HEAD, LONGEST_QUEUE, MARKS, SINKAGE, TILE, TILE_I, TILE_J
 from .wheel import COLUMNS, SUMS
 
@@ -47,12 +46,11 @@ class SoilPool(RowPool):
                 np.zeros((n_tools, 2), np.int64),  # corner: its first tile
                 np.zeros((n_tools, across * across, COLUMNS)),  # cells: those that each tool presses
                 np.zeros((n_tools, SUMS)),
-                np.zeros(n_tools, DTYPE),  # blocks: cells that are worked on together
+                np.zeros(n_tools, rim.DTYPE),  # blocks: cells that are worked on together
                 np.zeros((n_tools, across, OUTFLOWS)),  # outflow
                 np.zeros((n_tools, most, PLACED)),  # placed: elements of each tool near the soil
                 np.zeros((n_tools, (across * across if most else 0) + most), np.int64),  # links: their chains
-                np.zeros((LONGEST_QUEUE, 2, AROUND, AROUND)),  # around: heights of each tile that slides
-                np.zeros((LONGEST_QUEUE, AROUND, AROUND)),  # moved
+                np.zeros(LONGEST_QUEUE, erosion.DTYPE),  # sliding: tiles that slide
                 np.zeros((LONGEST_QUEUE, 4), np.int64),  # boxes
             ),
         )

@@ -242,13 +242,12 @@ def step_kernels(patches: bool, bodies: bool):
     def slide_tile(k, p, x, *arrays):
         """What a sweep does to the k-th tile that slides."""
         rows, marks, head, ground, frame = arrays[:5]
-        around, moved = arrays[16], arrays[17]
-        slide(p, rows, marks, head, ground, frame, x.stamp, k, around[k], moved[k])
+        slide(p, rows, marks, head, ground, frame, x.stamp, k, arrays[16][k])
 
     @kernel
     def settle_all(p, *arrays):
         rows, marks, head, ground, frame = arrays[:5]
-        settle(p, rows, marks, head, ground, frame, arrays[17], arrays[18])
+        settle(p, rows, marks, head, ground, frame, arrays[16], arrays[17])
 
     @kernel
     def fill_patches(p, u, y, *arrays):
