@@ -57,6 +57,9 @@ def step_cost(**case) -> str:
 
 
 def main() -> None:
+    for n_wheels in (1, 2, 6):  # before this process is kept on one core
+        for threads in (1, 2):
+            print(f"{n_wheels} wheels, 10 mm, {threads} threads{'':9s}{step_cost(n_wheels=n_wheels, threads=threads)} us a step")
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     print(f"calibration loop                 {calibration():.3f} s")
