@@ -272,6 +272,10 @@ def test_build_refuses_what_there_is_not(tmp_path):
     assert "there is no FMU 'cdl_bcm_w3p1': n_patches = 1: choose 0 (flat ground) or 3" in refusal("build", "cdl_bcm_w3p1")
     assert "'rock.stl': write KEY=VALUE, e.g. body[1].mesh=rock.stl" in refusal("build", "cdl_scm_w1b1", "--file", "rock.stl")
     assert "body[1].mesh = 'no.stl': no such file" in refusal("build", "cdl_scm_w1b1", "--file", "body[1].mesh=no.stl", "--out", tmp_path)
+    rock = tmp_path / "rock.stl"
+    trimesh.creation.icosphere(subdivisions=2, radius=50.0).export(rock)
+    text = refusal("build", "cdl_scm_w1b1", "--file", f"body[1].mesh={rock}", "--out", tmp_path)
+    assert "body[1].mesh = rock.stl is 100 m across: the file is most likely in millimetres; scale it by 0.001" in text
 
 
 def test_build_goes_into_a_checkout_only(tmp_path, monkeypatch):

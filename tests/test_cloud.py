@@ -154,7 +154,9 @@ def test_too_many_elements_are_refused(file):
     assert (
         text.startswith("plate.stl: spacing = 0.0001 m cuts it into 2.53e+07 or more") and "surface elements, the most are 2e+06;" in text
     )
-    assert text.endswith("choose a coarser spacing or simplify the mesh")
+    assert text.endswith(
+        "choose a coarser spacing (SCM takes a quarter of its cell), simplify the mesh, or scale it if it is not in metres"
+    )
     assert "plate.stl: spacing = 1e-300 m cuts it into" in refusal(file(box()), 1e-300)
 
 

@@ -55,6 +55,15 @@ def test_the_width_can_be_given(tmp_path):
     assert forces[2] / forces[1] == pytest.approx((p.k_c / 0.03 + p.k_phi) / (p.k_c / 0.06 + p.k_phi), rel=1e-6)
 
 
+def test_a_plate_that_drags_grains_along_keeps_its_friction(tmp_path):
+    """Soil that loses grains to it is still sheared; soil that it meets anew is not yet, on K = 20 mm of its 200 mm."""
+    bodies = Bodies(plate(tmp_path / "plate.stl", 0.2))
+    bodies.place(0, 0.0, 0.0, 0.0)
+    bodies.move(0.4, (0.0, 0.0, -0.05), h=H)
+    wrench = bodies.move(2.0, (0.05, 0.0, -4e-4), h=H)[-500:].mean(axis=0)
+    assert 0.8 < -wrench[0] / (wrench[2] * math.tan(bodies.instance.p.phi)) < 1.0
+
+
 @pytest.mark.parametrize("yaw", [0.0, 30.0])
 def test_a_tilted_plate(tmp_path, yaw):
     """Pressure acts along its normal, each part at its own depth, and rights it."""

@@ -24,6 +24,7 @@ OFF_MAP = r"wheel 1, at \([-\d.]+, [-\d.]+\) m, leaves the map: keep it, .* with
         (dict(layer_depth=0), r"layer_depth = 0 m: it must be at least 0.001 m"),
         (dict(max_tiles=0), r"max_tiles = 0: it must be at least 1 "),
         (dict(n_g=2.5), r"n_g = 2.5: the number of grousers must be whole"),
+        (dict(erosion_sweeps=2.5), r"erosion_sweeps = 2.5: it must be a whole number"),
         (dict(n_g=500), r"n_g = 500: grousers of t_g = 0.002 m fill more than the 0.848 m around their tips; use fewer or thinner"),
         (dict(map_min=(0, 2), map_max=(1, 1)), r"map_min = 2 m along y: it must be less than map_max, which is 1 m"),
         (dict(threads=1.5), r"threads = 1.5: it must be a whole number, on this machine at most \d+; .* NUMBA_NUM_THREADS"),
@@ -93,6 +94,15 @@ def test_a_refused_step_says_why_and_can_be_taken_back(parameters, start, veloci
     assert np.array_equal(instance.block, saved.block)
     instance.step(0.0, 1e-3)
     assert np.isfinite(instance.block).all()
+
+
+@pytest.mark.parametrize("h", [math.nan, math.inf, -1e-3])
+def test_a_step_of_no_sensible_length(h):
+    instance = on_soil().instance
+    before = instance.save()
+    with pytest.raises(ModelError, match=r"scm: step length h = .* s at t = 0 s: it must be finite and not negative"):
+        instance.step(0.0, h)
+    assert np.array_equal(instance.block, before.block)
 
 
 def test_a_refused_step_leaves_the_soil_as_it_was():

@@ -114,6 +114,13 @@ def test_damping_resists_sinking_and_never_pulls():
     assert not rising.reading()[:6].any()
 
 
+@pytest.mark.parametrize("n_g", [0, 12])
+def test_a_wheel_that_only_sinks_feels_no_horizontal_force(n_g):
+    wrench = Carriage(scm(n_g=n_g)).move(1.0, up=-0.03)[-1]
+    assert wrench[2] > 200.0
+    assert np.abs(wrench[:2]).max() < 1e-6 * wrench[2] + (2.0 if n_g else 0.0)  # grousers do not stand mirrored
+
+
 def test_no_force_in_the_air():
     carriage = on_soil()
     carriage.load = None

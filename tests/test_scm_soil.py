@@ -208,6 +208,30 @@ def test_a_track_of_100_m_takes_less_than_300_mb():
     assert 100 * per_metre * tile * (2 + 1) < 300e6
 
 
+@pytest.mark.parametrize("camber", [-1.2, 1.2])
+def test_a_narrow_wheel_that_leans_far_leaves_its_mark_below_its_rim_wherever_it_is(camber):
+    marks = []
+    for y in (0.0, 0.04, 0.08, 0.12):
+        carriage = Carriage(scm(b_w=0.04, n_g=0, erosion_sweeps=0, plasticity=0), at=(0.0, y), depth=0.1, camber=camber)
+        carriage.move(0.02)
+        tiles, cells = np.nonzero(fields(carriage.instance, SINKAGE).max(axis=1) > 0.0)
+        marks.append((tiles_of(carriage.instance)[tiles, 1] * TILE + cells) * 0.01 - y)
+    for mark in marks:
+        across = mark * np.sign(marks[0].mean())
+        assert across.min() > 0.055
+        assert across.max() < 0.125
+
+
+def test_soil_that_finds_no_room_to_slide_says_so():
+    def cone(x, y):
+        return np.maximum(0.0, 0.3 - 1.5 * np.hypot(x, y))
+
+    instance = heap(cone, 0.16, max_tiles=4)
+    instance.step(0.0, 1e-3)
+    assert len(instance.warnings) == 1
+    assert "soil that should slide stays where it is: " in instance.warnings[0] and "max_tiles = 4; raise max_tiles" in instance.warnings[0]
+
+
 def drive_on(carriage):
     for k in range(50):
         carriage.set_inputs(forward=0.1, sideways=0.05, rate=1.5)

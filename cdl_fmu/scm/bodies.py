@@ -165,7 +165,7 @@ def answer_body(body, memory, sums, wrench):
 
 @kernel
 def rearrange_body(p, body, shape, stamp, rows, marks, head, ground, frame, grid, corner, cells, sums):
-    """Soil dragged along and soil that heaves, and what may slide after it."""
+    """Soil dragged along and soil that heaves, and what may slide after it; False if there was no room for all of that."""
     transport(sums, cells, stamp, rows, marks, grid, corner)
     heave_around(p, sums, cells, body, shape[WIDTH], window_around(p, body, shape), stamp, rows, marks, grid, corner)
     i0, i1, j0, j1 = 2**62, -(2**62), 2**62, -(2**62)
@@ -174,4 +174,4 @@ def rearrange_body(p, body, shape, stamp, rows, marks, head, ground, frame, grid
         i, j = marks[row, TILE_I] * TILE + int(cells[n, A]), marks[row, TILE_J] * TILE + int(cells[n, B])
         i0, i1, j0, j1 = min(i0, i), max(i1, i), min(j0, j), max(j1, j)
     margin = math.ceil(shape[WIDTH] / p.cell) + 4
-    let_slide(p, rows, marks, head, ground, frame, i0 - margin, i1 + margin, j0 - margin, j1 + margin)
+    return let_slide(p, rows, marks, head, ground, frame, i0 - margin, i1 + margin, j0 - margin, j1 + margin)

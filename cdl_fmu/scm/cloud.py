@@ -27,7 +27,9 @@ from .wheel import (
     ALONG,
     ALONG_MAX,
     ALONG_MIN,
+    BARE,
     CELLS,
+    CLEARANCE,
     D_Z,
     DEEPEST,
     F_X,
@@ -43,6 +45,7 @@ from .wheel import (
     K_Y,
     K_Z,
     MEAN,
+    OFF,
     ROW,
     SIDE_ACROSS,
     SIDE_ALONG,
@@ -73,7 +76,6 @@ _TOTAL = 1
 _PLAN = _SIGMA = J_X
 
 _ABOVE = 1.0  # cells above the level up to which elements are looked at
-_CLEARANCE = 0.2  # cells between tool and soil below which no soil slides in
 _LAYER = 3.0  # cells by which a surface no steeper than a bearing one can rise within a cell
 _UPWARD = 0.7  # upward normals up to which a flank can push
 
@@ -197,9 +199,10 @@ def cloud_contact(
         if on_tips[_TOTAL] > 0.0:
             _bear(p, tool, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
         if total <= 0.0:
-            # Not pressed; what is closely covered is held against landslides.
-            if covered > 0.0 and lowest - surface + sinkage < _CLEARANCE * cell:
-                cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
+            gap = lowest - surface + sinkage
+            if covered > 0.0 and gap < CLEARANCE * cell:
+                cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
+                cells[n, FLOOR] = BARE if gap < p.transport_depth else OFF
                 n += 1
             continue
         new_floor /= n_points

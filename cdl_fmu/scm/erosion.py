@@ -35,7 +35,7 @@ from .tiles import (
 
 #: Share of the excess across a face that flows in a sweep: near the angle of repose soil flows along the gradient alone, and 0.5 is the
 #: limit of stability; on steep slopes it flows to all sides, and 0.25 is.
-_SHARE_STEEP, _SHARE_GENTLE = 0.2, 0.45
+_SHARE_STEEP, _SHARE_GENTLE = 0.2, 0.48
 _SHARE_CORNER = 0.2  # the same between two cells that share a corner
 _FASTEST = 0.05  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
 _AT_REST = 0.004  # excess of the slope that stays: below the 0.01 of a cell that is asked for
@@ -197,7 +197,7 @@ def _gather_strip(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j
 
 @kernel
 def settle(p, rows, marks, head, ground, frame, tiles, boxes):
-    """Move the soil of all tiles in the queue as ``slide`` found, and queue what may slide next.
+    """Move the soil of all tiles in the queue as ``slide`` found, and queue what may slide next; False if there was no room for all.
 
     Args:
         tiles: What ``slide`` found for each tile in the queue, records of ``DTYPE``.
@@ -216,9 +216,10 @@ def settle(p, rows, marks, head, ground, frame, tiles, boxes):
         boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = i + first_i, i + last_i, j + first_j, j + last_j
         close_box(marks, row)
     head[SLIDING] = 0
+    done = True
     for k in range(n):
         if boxes[k, 1] >= boxes[k, 0]:
-            let_slide(
+            done &= let_slide(
                 p,
                 rows,
                 marks,
@@ -230,3 +231,4 @@ def settle(p, rows, marks, head, ground, frame, tiles, boxes):
                 boxes[k, 2] - _REACH,
                 boxes[k, 3] + _REACH,
             )
+    return done

@@ -3,13 +3,14 @@
 A share ``plasticity`` of the volume that is pressed down plastically flows out from below the tool, the rest is compacted. It leaves
 across the nearer edge of the footprint of a wheel, as in the failure of a strip, or to all sides of a body, and heaves the ground beside
 it over the width of a Rankine passive wedge, depth tan(pi/4 + phi/2), most of it at the tool; a small share ``ahead`` is pushed along a
-wheel's direction of travel.
+wheel's direction of travel, and to both ends of a wheel that stands.
 """
 
 from __future__ import annotations
 
 import math
 
+from ..contact import SLIP_FLOOR
 from ..slave.kernel import kernel
 from .tiles import (
     FILL,
@@ -29,7 +30,7 @@ from .tiles import (
     quantised,
     row_of,
 )
-from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FIRST, FLOOR, FLUX_X, FLUX_Y, J_X, J_Y, MEAN, ROW, A, B
+from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FIRST, FLOOR, FLUX_X, FLUX_Y, J_X, J_Y, MEAN, OFF, ROW, A, B
 
 #: Outflow of a footprint by strip: volume to the right and to the left, depth of the strip; volume ahead by column.
 RIGHT, LEFT, DEPTH, AHEAD = range(4)
@@ -50,8 +51,10 @@ def press(p, sums, cells, stamp, rows, marks):
         row, a, b = int(cells[n, ROW]), int(cells[n, A]), int(cells[n, B])
         marks[row, 0] = 1
         if cells[n, FLOOR] < 0.0:
+            # Soil that lost a few grains to the tool that drags them along is still sheared by it.
+            if cells[n, FLOOR] == OFF or rows[row, STAMP, a, b] != stamp - 1.0:
+                rows[row, SHEAR_X, a, b] = rows[row, SHEAR_Y, a, b] = 0.0
             rows[row, STAMP, a, b] = stamp
-            rows[row, SHEAR_X, a, b] = rows[row, SHEAR_Y, a, b] = 0.0
             cells[n, DISPLACED] = 0.0
             continue
         before = rows[row, SINKAGE, a, b]
@@ -102,8 +105,7 @@ def heave(p, sums, cells, wheel, half, half_length, outflow, rows, grid, corner)
     T, r_0, cell = wheel.T, wheel.r_0, p.cell
     level = math.sqrt(T[1, 0] * T[1, 0] + T[1, 1] * T[1, 1])
     h_x, h_y = T[1, 1] / level, -T[1, 0] / level
-    forward = 1.0 if wheel.v_0[0] * h_x + wheel.v_0[1] * h_y >= 0.0 else -1.0
-    front = (sums[ALONG_MAX] if forward > 0.0 else sums[ALONG_MIN]) + forward * cell
+    v = wheel.v_0[0] * h_x + wheel.v_0[1] * h_y
     wedge = _wedge(p)
     _flow_out(p, sums, cells, half, half_length, outflow)
     deepest = 0.0
@@ -118,11 +120,22 @@ def heave(p, sums, cells, wheel, half, half_length, outflow, rows, grid, corner)
                 x, y = r_0[0] + along * h_x - across * h_y, r_0[1] + along * h_y + across * h_x
                 _spread(p, height, x, y, -sign * h_y, sign * h_x, wedge * outflow[k, DEPTH], half, rows, grid, corner)
     for k in range(outflow.shape[0]):
-        height = outflow[k, AHEAD]
-        if height > 0.0:
-            across = (k - outflow.shape[0] // 2) * cell
-            x, y = r_0[0] + front * h_x - across * h_y, r_0[1] + front * h_y + across * h_x
-            _spread(p, height, x, y, forward * h_x, forward * h_y, wedge * deepest, half, rows, grid, corner)
+        across = (k - outflow.shape[0] // 2) * cell
+        backward = quantised(ends_share(v)[1] * outflow[k, AHEAD])
+        for end in range(2):
+            height, sign = (backward, -1.0) if end else (outflow[k, AHEAD] - backward, 1.0)
+            if height > 0.0:
+                along = sums[ALONG_MIN if end else ALONG_MAX] + sign * cell
+                x, y = r_0[0] + along * h_x - across * h_y, r_0[1] + along * h_y + across * h_x
+                _spread(p, height, x, y, sign * h_x, sign * h_y, wedge * deepest, half, rows, grid, corner)
+
+
+@kernel(inline=True)
+def ends_share(v):
+    """Shares of what flows out ahead of a wheel that rolls at v [m/s] along its heading: to its front end and to its back end."""
+    if abs(v) < SLIP_FLOOR:
+        return 0.5, 0.5
+    return (1.0, 0.0) if v > 0.0 else (0.0, 1.0)
 
 
 @kernel

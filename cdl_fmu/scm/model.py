@@ -27,7 +27,7 @@ from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH
 from .cloud import WIDTH
 from .meshes import load_meshes
 from .pool import SoilPool
-from .step import FULL, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
+from .step import FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
 
 _MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
 
@@ -96,6 +96,11 @@ class SCM(KernelModel):
             "patch[{i}] reaches beyond the map: keep trailing[{i}].r_0, now ({trailing.r_0[0]:.4g}, {trailing.r_0[1]:.4g}) m, "
             f"half a patch inside {_MAP}"
         ),
+        NO_ROOM_TO_SLIDE: Event(
+            "soil that should slide stays where it is: it is on more than 1022 tiles at once, or they are more than max_tiles = "
+            "{p.max_tiles:.0f}; raise max_tiles, coarsen cell, or take a base raster that is less steep than repose = {p.repose:.3g} rad",
+            is_error=False,
+        ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
         BODY_OUTSIDE: Event(
@@ -141,6 +146,9 @@ class SCM(KernelModel):
                 f"cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {p.b_w / 3.0:.3g} m"
             )
         check_wheel(p)
+        for name in ("erosion_sweeps", "max_tiles"):
+            if p[name] != math.floor(p[name]):
+                raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")
         for axis, low, high in zip("xy", p.map_min, p.map_max):
             if low >= high:
                 raise ModelError(f"map_min = {low:g} m along {axis}: it must be less than map_max, which is {high:g} m")
@@ -163,7 +171,8 @@ class SCM(KernelModel):
                     f"{name} = {files[name].name}: its width b = {width:.4g} m gives k_c/b + k_phi <= 0; "
                     f"give {name.replace('mesh', 'b')} above {-p.k_c / p.k_phi:.4g} m, or another soil"
                 )
-        reach = math.hypot(p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell, p.b_w + 4.0 * p.cell)
+        across = max(p.b_w, 0.5 * p.b_w + p.r_w + p.h_g)  # of a wheel with any camber
+        reach = math.hypot(p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell, across + 4.0 * p.cell)
         try:
             base = load_raster(files["base"]) if "base" in files else None
         except ModelError as error:

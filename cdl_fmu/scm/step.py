@@ -35,6 +35,7 @@ from .wheel import CELLS, DEEPEST, SIDE_ACROSS, SIDE_ALONG, deepest_of_table, wh
 
 #: Status numbers beside those of wheels and bodies.
 OUTSIDE, THROUGH, FULL, PATCH_OUTSIDE = 5, 6, 7, 8
+NO_ROOM_TO_SLIDE = 14
 
 
 @kernel
@@ -195,15 +196,16 @@ def step_kernels(patches: bool, bodies: bool):
 
     @kernel
     def displace(p, u, x, *arrays):
-        """Press the soil below all tools, and move what they displace and drag along."""
+        """Press the soil below all tools, and move what they displace and drag along; False if there was no room to let all of it slide."""
         rows, marks, head, ground, frame, elements, ranges, shapes, grid, corner, cells, sums, blocks, outflow = arrays[:14]
+        done = True
         for k in range(len(sums)):
             if sums[k, CELLS] > 0.0:
                 x.compacted += press(p, sums[k], cells[k], x.stamp, rows, marks)
         for i in range(len(u.wheel)):
             if sums[i, CELLS] > 0.0:
                 half, half_length = half_sizes(p, ranges[i], shapes[i])
-                rearrange(
+                done &= rearrange(
                     p,
                     u.wheel[i],
                     half,
@@ -224,9 +226,11 @@ def step_kernels(patches: bool, bodies: bool):
             for i in range(len(u.body)):
                 k = len(u.wheel) + i
                 if sums[k, CELLS] > 0.0:
-                    rearrange_body(
+                    done &= rearrange_body(
                         p, u.body[i], shapes[k], x.stamp, rows, marks, head, ground, frame, grid[k], corner[k], cells[k], sums[k]
                     )
+
+        return done
 
     @kernel
     def sweeps_due(p, x, h):
@@ -247,7 +251,7 @@ def step_kernels(patches: bool, bodies: bool):
     @kernel
     def settle_all(p, *arrays):
         rows, marks, head, ground, frame = arrays[:5]
-        settle(p, rows, marks, head, ground, frame, arrays[16], arrays[17])
+        return settle(p, rows, marks, head, ground, frame, arrays[16], arrays[17])
 
     @kernel
     def fill_patches(p, u, y, *arrays):
@@ -272,13 +276,13 @@ def step_kernels(patches: bool, bodies: bool):
             x.stamp -= 1.0
             return status
         status = answer_all(p, u, x, y, *arrays)
-        displace(p, u, x, *arrays)
+        done = displace(p, u, x, *arrays)
         for _ in range(sweeps_due(p, x, h)):
             for k in range(head[SLIDING]):
                 slide_tile(k, p, x, *arrays)
-            settle_all(p, *arrays)
+            done &= settle_all(p, *arrays)
         fill_patches(p, u, y, *arrays)
-        return status
+        return status if done or status else NO_ROOM_TO_SLIDE
 
     # numba's prange hands arrays to its threads, no records: there these are taken out of arrays of length one.
     @kernel
@@ -306,12 +310,12 @@ def step_kernels(patches: bool, bodies: bool):
             x.stamp -= 1.0
             return status
         status = answer_all(p, u, x, y, *arrays)
-        displace(p, u, x, *arrays)
+        done = displace(p, u, x, *arrays)
         for _ in range(sweeps_due(p, x, h)):
             for k in numba.prange(head[SLIDING]):
                 slide_in_thread(k, P, X, *arrays)
-            settle_all(p, *arrays)
+            done &= settle_all(p, *arrays)
         fill_patches(p, u, y, *arrays)
-        return status
+        return status if done or status else NO_ROOM_TO_SLIDE
 
     return step, parallel_step

@@ -7,7 +7,7 @@ import math
 from ..contact import SLIP_FLOOR, anchor_here, lowest_point, show
 from ..slave.kernel import kernel
 from ..terramechanics import slip_ratio
-from .flow import heave, transport
+from .flow import ends_share, heave, transport
 from .heights import height_at
 from .tiles import base_height_at, let_slide, look_up, nearest, tile_of, touch
 from .wheel import ALONG_MAX, ALONG_MIN, CELLS, D_Z, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z
@@ -38,7 +38,8 @@ def wheel_inside(p, ground, frame, wheel):
 @kernel
 def patch_inside(p, ground, frame, r_0, patch):
     """Whether all of the patch around a wheel at r_0 is on the map."""
-    reach_x, reach_y = 0.5 * p.patch_spacing * patch.z.shape[0], 0.5 * p.patch_spacing * patch.z.shape[1]
+    # Its middle node is the one nearest to r_0, and a node stands for a square of the spacing around it.
+    reach_x, reach_y = 0.5 * p.patch_spacing * (patch.z.shape[0] + 1), 0.5 * p.patch_spacing * (patch.z.shape[1] + 1)
     return inside(p, ground, frame, r_0[0] - reach_x, r_0[1] - reach_y) and inside(p, ground, frame, r_0[0] + reach_x, r_0[1] + reach_y)
 
 
@@ -47,7 +48,8 @@ def _span(p, wheel):
     """Half extents [m] along the world's x and y of the soil that a wheel works on: its footprint and the ground that heaves around it."""
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     along = p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell
-    across = p.b_w + 4.0 * p.cell
+    # A cambered wheel's footprint lies beside its middle's.
+    across = max(p.b_w, 0.5 * p.b_w + (p.r_w + p.h_g) * abs(wheel.T[1, 2])) + 4.0 * p.cell
     l_x, l_y = abs(wheel.T[1, 0] / level), abs(wheel.T[1, 1] / level)
     return along * l_y + across * l_x, along * l_x + across * l_y
 
@@ -88,7 +90,7 @@ def make_ready(p, rows, marks, head, ground, frame, grid, corner, i0, i1, j0, j1
 
 @kernel
 def rearrange(p, wheel, half, half_length, stamp, rows, marks, head, ground, frame, grid, corner, cells, sums, outflow):
-    """Soil dragged along and soil that heaves, and what may slide after it.
+    """Soil dragged along and soil that heaves, and what may slide after it; False if there was no room for all of that.
 
     Args:
         half, half_length: Half width and half length of the wheel [m].
@@ -99,14 +101,14 @@ def rearrange(p, wheel, half, half_length, stamp, rows, marks, head, ground, fra
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     l_x, l_y = wheel.T[1, 0] / level, wheel.T[1, 1] / level
     near, far = 4.0 * p.cell, half + 4.0 * p.cell
-    forward = wheel.v_0[0] * l_y - wheel.v_0[1] * l_x >= 0.0
-    front, back = sums[ALONG_MAX] + (far if forward else near), sums[ALONG_MIN] - (near if forward else far)
+    forward, backward = ends_share(wheel.v_0[0] * l_y - wheel.v_0[1] * l_x)
+    front, back = sums[ALONG_MAX] + (far if forward > 0.0 else near), sums[ALONG_MIN] - (far if backward > 0.0 else near)
     x, y = wheel.r_0[0] + 0.5 * (front + back) * l_y, wheel.r_0[1] - 0.5 * (front + back) * l_x
     along, across = 0.5 * (front - back), half + far
     s_x, s_y = along * abs(l_y) + across * abs(l_x), along * abs(l_x) + across * abs(l_y)
     i0, i1 = nearest(x - s_x, p.cell), nearest(x + s_x, p.cell)
     j0, j1 = nearest(y - s_y, p.cell), nearest(y + s_y, p.cell)
-    let_slide(p, rows, marks, head, ground, frame, i0, i1, j0, j1)
+    return let_slide(p, rows, marks, head, ground, frame, i0, i1, j0, j1)
 
 
 @kernel

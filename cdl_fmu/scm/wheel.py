@@ -22,12 +22,14 @@ from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, 
 #: Columns of a tool's list of pressed cells.
 ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(12)
 COLUMNS = FIRST + POINTS
+#: FLOOR of a cell that is not pressed, but covered so closely that no soil slides in: off the tool, or bare of grains that it dragged off.
+OFF, BARE = -1.0, -2.0
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,
 #: deepest floor; then the displacement of its steep faces against the soil beside them [m], which is updated.
 F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST, SIDE_ALONG, SIDE_ACROSS = range(16)
 SUMS = 16
 
-_CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
+CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
 
 
 @kernel
@@ -147,9 +149,9 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
                     block.before[k, m] = max(floor + slope * ((k + 0.5) * step - 0.5 * cell), 0.0)
             m += 1
             if m == BLOCK:
-                n = _bear(p, wheel, m, n, table, modulus, h, stamp, rows, block, cells, sums)
+                n = _bear(p, wheel, m, n, table, modulus, h, rows, block, cells, sums)
                 m = 0
-    n = _bear(p, wheel, m, n, table, modulus, h, stamp, rows, block, cells, sums)
+    n = _bear(p, wheel, m, n, table, modulus, h, rows, block, cells, sums)
     sums[CELLS] = n
     if p.n_g > 0.0 and p.h_g > 0.0:
         _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums)
@@ -160,7 +162,7 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
 
 
 @kernel
-def _bear(p, wheel, n_block, n, table, modulus, h, stamp, rows, block, cells, sums):
+def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
     """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
     per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
     press_and_shear(p, wheel, n_block, modulus, table, per_spacing, h, block)
@@ -170,10 +172,11 @@ def _bear(p, wheel, n_block, n, table, modulus, h, stamp, rows, block, cells, su
     for m in range(n_block):
         row, a, b, along = int(block.row[m]), int(block.a[m]), int(block.b[m]), block.along[m]
         if block.total[m] <= 0.0:
-            # Not pressed; what is closely covered is held against landslides.
             rim = (block.lift[m] - math.sqrt(max(r * r - along * along, 0.0))) / level
-            if rim - block.surface[m] + rows[row, SINKAGE, a, b] < _CLEARANCE * p.cell:
-                cells[n, ROW], cells[n, A], cells[n, B], cells[n, FLOOR] = row, a, b, -1.0
+            gap = rim - block.surface[m] + rows[row, SINKAGE, a, b]
+            if gap < CLEARANCE * p.cell:
+                cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
+                cells[n, FLOOR] = BARE if gap < p.transport_depth else OFF
                 n += 1
             continue
         sums[F_X] += block.f_x[m]

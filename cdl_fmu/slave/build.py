@@ -16,7 +16,7 @@ from pythonfmu import FmuBuilder
 
 from .description import DISTRIBUTION, installed_version, model_guid
 from .kernel import cache_folder, sources_hash
-from .model import Model, ModelError
+from .model import Instance, Model, ModelError
 
 _SCRIPT = '''"""FMU {identifier} of {distribution} {version}; the model itself is in the installed package."""
 
@@ -60,12 +60,16 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
 
     ``starts`` replaces start values of parameters and inputs, by FMI name; ``files`` are packed into the FMU, by the name of the file
     parameter whose start value each becomes. Raises ModelError for a class that cannot be imported by name, for no such file parameter,
-    for a file that is missing, and for two files of one name.
+    for a file that is missing or that the model refuses, and for two files of one name.
     """
     cls = type(model)
     if cls.__module__ == "__main__":
         raise ModelError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to build an FMU of it")
     files = _checked(model, files)
+    if files:  # a file that is refused at the start of a run is refused here
+        instance = Instance(model)
+        instance.set_starts(starts)
+        model.make_pool(instance.p, files)
     contents = {packed.name: _digest(packed) for packed in files.values()}
     path.parent.mkdir(parents=True, exist_ok=True)
     script = _SCRIPT.format(

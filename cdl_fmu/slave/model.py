@@ -230,6 +230,8 @@ class Instance:
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
+        if not 0.0 <= h < math.inf:
+            raise ModelError(f"{self.name}: step length h = {h:g} s at t = {t:.6g} s: it must be finite and not negative")
         self._check("u", "input", t)
         if self.pool is not None:
             self.pool.reserve()
