@@ -30,6 +30,17 @@ _PATHS = {"front.path": "front", "rear.path": "rear"}
 
 #: Unit -> the one in tables, and how many of those one is.
 _SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / np.pi), "1": ("", 1.0)}
+#: Picture -> what it shows, in the words of a caption.
+_CAPTIONS = {
+    "fig_8_4": "The plane that BCM fits into the ground below SxB's rear wheel in the rut: rays, what they hit, normals",
+    "fig_8_5": "SxS: front wheel and rut, before the rear wheel is in it",
+    "fig_8_8": "SxB: the rear wheel's contact plane in the rut of the front wheel",
+    "fig_8_9": "SxS at the end: traces of both wheels",
+    "fig_8_10": "The three set-ups",
+    "fig_8_11": "SxS as the rear wheel is steered back: traces of both wheels",
+    "fig_8_12": "Forces in the heading frame, divided by the largest F_x of SxS's front wheel after its start, heights and trajectories; "
+    "sections A to E of the drive",
+}
 _HOLDS = {True: "yes", False: "no", None: "not reached"}
 
 
@@ -106,7 +117,7 @@ class Comparison:
                 values = (finding.left, finding.right, finding.measured, finding.threshold)
                 numbers = [str(finding.relation), *(_shown(value, claim.unit) for value in values)]
             rows.append([claim.place, claim.text, "must" if claim.must else "", *numbers, _HOLDS[verdict.holds]])
-        columns = ["place", "statement", "", "decided by", "left", "right", "difference", "threshold", "holds"]
+        columns = ["place", "statement", "has to hold", "decided by", "left", "right", "difference", "threshold", "holds"]
         note = "of several relations the one that holds by least, or fails by most; '~': they differ by less than the threshold"
         wide = frozenset({"decided by", "left", "right"})
         return Sheet(f"Statements of section 8.5: {self._tally()}", columns, rows, note, wide)
@@ -117,7 +128,9 @@ class Comparison:
 
         must = [verdict for verdict in self.verdicts if verdict.claim.must]
         rest = [verdict for verdict in self.verdicts if not verdict.claim.must]
-        return f"{count(must)} that must hold do, and {count(rest)} others"
+        n_missing = sum(verdict.holds is None for verdict in self.verdicts)
+        missing = f"; {n_missing} were not reached" if n_missing else ""
+        return f"{count(must)} that must hold do, and {count(rest)} others{missing}"
 
 
 def compare(
@@ -230,5 +243,8 @@ def _markdown(name: str, comparison: Comparison) -> str:
     for sheet in comparison.sheets():
         rows = [sheet.columns, ["---"] * len(sheet.columns), *([cell.replace("|", "\\|") for cell in row] for row in sheet.rows)]
         lines += [f"## {sheet.title}", "", *(f"| {' | '.join(row)} |" for row in rows), "", f"{sheet.note}.", ""]
-    lines += [f"![{path.stem}]({path.name})" for path in comparison.pictures]
+    lines += ["## Pictures", ""]
+    for path in comparison.pictures:
+        figure = path.stem.removeprefix("fig_").replace("_", ".")
+        lines += [f"![{path.stem}]({path.name})", "", f"As Fig. {figure}. {_CAPTIONS[path.stem]}.", ""]
     return "\n".join(lines) + "\n"

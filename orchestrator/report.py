@@ -119,7 +119,7 @@ def figure_8_12(runs: Mapping[str, xr.Dataset], wheels: tuple[str, str] = ("fron
         if not driving.any():
             raise ResultError(f"nothing to normalise by: the {trailing} wheel of run {normalise_by!r} does not reach x = {_START} m")
         scale = float(reference[wheels[0]].diagnostic("drawbar_pull")[driving].max())
-    force = "($F_{axis}$)$_0$ [1]" if normalise_by is not None else "$F_{axis}$ [N]"
+    force = "$F_{axis}$" + (" [N]" if normalise_by is None else f" / {scale:.1f} N")
     panels = [
         (force.format(axis="x"), lambda wheel: wheel.diagnostic("drawbar_pull") / scale, 1.0 / scale),
         (force.format(axis="y"), lambda wheel: wheel.diagnostic("lateral_force") / scale, 1.0 / scale),
