@@ -28,6 +28,7 @@ from .cloud import WIDTH
 from .meshes import load_meshes
 from .pool import SoilPool
 from .step import FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
+from .tiles import LONGEST_QUEUE
 
 _MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
 
@@ -97,8 +98,9 @@ class SCM(KernelModel):
             f"half a patch inside {_MAP}"
         ),
         NO_ROOM_TO_SLIDE: Event(
-            "soil that should slide stays where it is: it is on more than 1022 tiles at once, or they are more than max_tiles = "
-            "{p.max_tiles:.0f}; raise max_tiles, coarsen cell, or take a base raster that is less steep than repose = {p.repose:.3g} rad",
+            f"soil that should slide stays where it is: it is on more than {LONGEST_QUEUE} tiles at once, or they are more than "
+            "max_tiles = {p.max_tiles:.0f}; raise max_tiles, coarsen cell, or take a base raster that is less steep than "
+            "repose = {p.repose:.3g} rad",
             is_error=False,
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
