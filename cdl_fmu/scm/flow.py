@@ -20,6 +20,7 @@ from .tiles import (
     SHEAR_X,
     SHEAR_Y,
     SINKAGE,
+    SLIP,
     STAMP,
     TILE,
     TILE_I,
@@ -30,7 +31,7 @@ from .tiles import (
     quantised,
     row_of,
 )
-from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FIRST, FLOOR, FLUX_X, FLUX_Y, J_X, J_Y, MEAN, OFF, ROW, A, B
+from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FIRST, FLOOR, FLUX_X, FLUX_Y, PATH, PUSH, U_W, J_X, J_Y, MEAN, OFF, ROW, A, B
 
 #: Outflow of a footprint by strip: volume to the right and to the left, depth of the strip; volume ahead by column.
 RIGHT, LEFT, DEPTH, AHEAD = range(4)
@@ -64,6 +65,7 @@ def press(p, sums, cells, stamp, rows, marks):
         for k in range(POINTS):
             rows[row, POINT + k, a, b] = cells[n, FIRST + k] / after if after > 0.0 else 1.0
         rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b] = cells[n, J_X], cells[n, J_Y]
+        rows[row, SLIP, a, b] = cells[n, PATH]
         rows[row, STAMP, a, b] = stamp
         displaced = quantised(p.plasticity * (after - before))
         compacted += (after - before) - displaced
@@ -155,7 +157,7 @@ def _flow_out(p, sums, cells, half, half_length, outflow):
             # The footprint of a cambered wheel lies partly beside its middle's.
             strip = max(math.floor((cells[n, ALONG] + half_length) / p.cell), -1) + 1
             column = math.floor(cells[n, ACROSS] / p.cell + 0.5) + outflow.shape[0] // 2
-            ahead = quantised(p.ahead * displaced)
+            ahead = quantised(min(1.0, p.ahead + p.e[13] * sums[PUSH] / max(sums[U_W], 1e-9)) * displaced)
             left = quantised((displaced - ahead) * min(max(0.5 + 0.5 * cells[n, ACROSS] / half, 0.0), 1.0))
             outflow[column, AHEAD] += ahead
             outflow[strip, LEFT] += left

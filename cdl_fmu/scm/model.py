@@ -63,6 +63,7 @@ class SCM(KernelModel):
             tau_r=Real(0.1, "s", "Time by which the shear velocity adds to the shear displacement", min=0.0, max=10.0),
             c_d=Real(1.9, "s/m", "Normal damping: pressure grows by this times the wheel's sinking speed", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces", min=0.0, max=1.0),
+            e=Real(0.0, "1", "exp", (16,), -1e9, 1e9),
             plasticity=Real(0.6, "1", "Share of the plastically displaced volume that flows out; the rest is compacted", min=0.0, max=1.0),
             ahead=Real(0.1, "1", "Share of the outflow that goes ahead of the tool", min=0.0, max=1.0),
             mound_strength=Real(0.2, "1", "Share of a mound's height that counts as depth for the pressure", min=0.0, max=1.0),
@@ -133,7 +134,7 @@ class SCM(KernelModel):
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
             compacted=Real(0.0, "m", "Volume compacted so far, as height on one cell"),
             powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
-            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side)),
+            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=Real(0.0, "m", "d", (5,)))),
             body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side)),
         )
         self.outputs = (

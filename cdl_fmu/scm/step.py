@@ -31,7 +31,7 @@ from .heights import fill_patch, height_at, is_set
 from .stress import pressure_modulus, tabulate
 from .tiles import SLIDING
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
-from .wheel import CELLS, DEEPEST, SIDE_ACROSS, SIDE_ALONG, deepest_of_table, wheel_contact
+from .wheel import CELLS, DEEPEST, LENGTH, SIDE_ACROSS, SIDE_ALONG, deepest_of_table, wheel_contact
 
 #: Status numbers beside those of wheels and bodies.
 OUTSIDE, THROUGH, FULL, PATCH_OUTSIDE = 5, 6, 7, 8
@@ -46,6 +46,8 @@ def _initialise(t, p, x, y, *arrays):
     tabulate(p.n, deepest_of_table(p), x.powers)
     for i in range(len(x.wheel)):
         x.wheel[i].silent = x.wheel[i].side[0] = x.wheel[i].side[1] = 0.0
+        for q in range(3):
+            x.wheel[i].side[2 + q] = 0.0
 
 
 @kernel
@@ -119,9 +121,13 @@ def step_kernels(patches: bool, bodies: bool):
         grid, corner, cells, sums, blocks, outflow, placed, links = arrays[8:16]
         if sums[k, CELLS] < 0.0:
             sums[k, SIDE_ALONG] = sums[k, SIDE_ACROSS] = 0.0
+            for q in range(3):
+                sums[k, LENGTH + q] = 0.0
         elif k < len(u.wheel):
             wheel, modulus = u.wheel[k], pressure_modulus(p, p.b_w)
             sums[k, SIDE_ALONG], sums[k, SIDE_ACROSS] = x.wheel[k].side[0], x.wheel[k].side[1]
+            for q in range(3):
+                sums[k, LENGTH + q] = x.wheel[k].side[2 + q]
             if ranges[k, 1] > ranges[k, 0]:
                 wheel_contact_with_mesh(
                     p,
@@ -180,6 +186,8 @@ def step_kernels(patches: bool, bodies: bool):
         for i in range(len(u.wheel)):
             wheel = u.wheel[i]
             x.wheel[i].side[0], x.wheel[i].side[1] = sums[i, SIDE_ALONG], sums[i, SIDE_ACROSS]
+            for q in range(3):
+                x.wheel[i].side[2 + q] = sums[i, LENGTH + q]
             if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
                 if sums[i, CELLS] >= 0.0:
                     answer(p, wheel, sums[i], y.wheel[i], y.contact[i])

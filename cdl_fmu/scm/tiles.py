@@ -22,7 +22,8 @@ SINKAGE = 2  # [m] plastic sinkage, mean of the cell
 RATIO = 3  # [1] plastic sinkage of the part of the cell that a tool pressed over that of the whole cell, at least 1
 SHEAR_X, SHEAR_Y = 4, 5  # [m] shear displacement of tool against soil, in world axes
 STAMP = 6  # [1] number of the last step in which a tool pressed on the cell
-POINT = 7  # [1] sinkage of four points along the heading of the tool that pressed the cell last, over that of the cell
+SLIP = 7  # [m] path of slip of the tool on the cell, which softens dense soil
+POINT = 8  # [1] sinkage of four points along the heading of the tool that pressed the cell last, over that of the cell
 POINTS = 4
 FIELDS = POINT + POINTS
 

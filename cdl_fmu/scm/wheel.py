@@ -17,17 +17,17 @@ from ..slave.kernel import kernel
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
 from .rim import BLOCK, STEEPEST, attitude, damping_of, press_and_shear
 from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
+from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
 
 #: Columns of a tool's list of pressed cells.
-ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(12)
+ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y, PATH, FIRST = range(13)
 COLUMNS = FIRST + POINTS
 #: FLOOR of a cell that is not pressed, but covered so closely that no soil slides in: off the tool, or bare of grains that it dragged off.
 OFF, BARE = -1.0, -2.0
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,
 #: deepest floor; then the displacement of its steep faces against the soil beside them [m], which is updated.
-F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST, SIDE_ALONG, SIDE_ACROSS = range(16)
-SUMS = 16
+F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST, SIDE_ALONG, SIDE_ACROSS, LENGTH, PRE_X, PRE_Y, U_X, U_Y, U_W, PUSH = range(23)
+SUMS = 23
 
 CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
 
@@ -38,6 +38,7 @@ def clear(sums):
     for k in range(SIDE_ALONG):
         sums[k] = 0.0
     sums[ALONG_MIN], sums[ALONG_MAX] = 1e9, -1e9
+    sums[U_X] = sums[U_Y] = sums[U_W] = sums[PUSH] = 0.0
 
 
 @kernel(inline=True)
@@ -140,10 +141,15 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
             if rows[row, STAMP, a, b] == stamp - 1.0:
                 sinkage = rows[row, SINKAGE, a, b]
                 block.j_x[m], block.j_y[m] = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]
+                block.slip[m] = rows[row, SLIP, a, b]
                 for k in range(POINTS):
                     block.before[k, m] = sinkage * rows[row, POINT + k, a, b]
             else:  # it was not in contact
-                block.j_x[m] = block.j_y[m] = 0.0
+                block.j_x[m], block.j_y[m] = p.e[9] * sums[PRE_X], p.e[9] * sums[PRE_Y]
+                if p.e[10] > 0.0:
+                    cosine = math.sqrt(max(1.0 - (along / r) ** 2, 0.0))
+                    block.j_x[m], block.j_y[m] = block.j_x[m] * cosine, block.j_y[m] * cosine
+                block.slip[m] = math.sqrt(sums[PRE_X]**2 + sums[PRE_Y]**2)
                 floor, slope = floor_depth(rows, row, a, b), floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
                 for k in range(POINTS):
                     block.before[k, m] = max(floor + slope * ((k + 0.5) * step - 0.5 * cell), 0.0)
@@ -153,6 +159,21 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
                 m = 0
     n = _bear(p, wheel, m, n, table, modulus, h, rows, block, cells, sums)
     sums[CELLS] = n
+    if n > 0:
+        sums[LENGTH] = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
+        wedge = p.e[1] * sums[DEEPEST] * math.tan(0.25 * math.pi + 0.5 * p.phi)
+        v = math.sqrt(wheel.v_0[0] ** 2 + wheel.v_0[1] ** 2)
+        u_x, u_y = sums[U_X] / sums[U_W], sums[U_Y] / sums[U_W]
+        if p.e[2] == 0.0:  # only the push along the way
+            push = max((u_x * wheel.v_0[0] + u_y * wheel.v_0[1]) / max(v, 1e-9), 0.0)
+            u_x, u_y = push * wheel.v_0[0] / max(v, 1e-9), push * wheel.v_0[1] / max(v, 1e-9)
+        if wedge > 0.0:
+            keep = 1.0 / (1.0 + v * h / wedge)
+            sums[PRE_X], sums[PRE_Y] = (sums[PRE_X] + u_x * h) * keep, (sums[PRE_Y] + u_y * h) * keep
+        else:
+            sums[PRE_X] = sums[PRE_Y] = 0.0
+    else:
+        sums[LENGTH] = sums[PRE_X] = sums[PRE_Y] = 0.0
     if p.n_g > 0.0 and p.h_g > 0.0:
         _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums)
     if n > 0:
@@ -165,7 +186,7 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
 def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
     """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
     per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
-    press_and_shear(p, wheel, n_block, modulus, table, per_spacing, h, block)
+    press_and_shear(p, wheel, n_block, modulus, table, per_spacing, h, sums[LENGTH], block)
     level, r = attitude(wheel)[0], p.r_w
     dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
     layer = 0.5 * dragged_depth * h / p.cell
@@ -196,6 +217,11 @@ def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
         cells[n, FLOOR], cells[n, MEAN] = pressed, cover * pressed
         cells[n, J_X], cells[n, J_Y] = block.j_x[m], block.j_y[m]
         cells[n, ALONG], cells[n, ACROSS] = along, block.across[m]
+        cells[n, PATH] = block.slip[m]
+        sums[U_X] += whole(block.total[m] * block.u_x[m])
+        sums[U_Y] += whole(block.total[m] * block.u_y[m])
+        sums[U_W] += whole(block.total[m])
+        sums[PUSH] += whole(block.total[m] * max(block.lean[m], 0.0) / math.tan(p.phi))
         # Soil dragged along by the rim: a layer whose speed falls linearly from the rim's to 0.
         dragged = layer * block.share[m] * cover
         cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * block.u_x[m], dragged * block.u_y[m]
