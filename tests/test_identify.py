@@ -92,7 +92,7 @@ def test_what_was_put_in_comes_out(tmp_path, law, diameters):
 
 
 def test_each_test_counts_the_same_however_many_rows_it_has():
-    """Two plates of one size, one of them on soil that bears twice as much, with ten times the rows."""
+    """Two measured tests with all their rows, and with every tenth row of one of them."""
     tests, _ = read_plates(CMU)
     few, many = tests[3], tests[4]
     thinned = [type(t)(t.name, t.b, t.lines[::step], t.z[::step], t.p[::step]) for t, step in ((few, 1), (many, 10))]
