@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 import typer
 from typer.core import TyperGroup
 
+from .cli_identify import identify
+
 _EXAMPLES = {
     "run": "cdl run two_wheel --tiers BCM,BCM --stop-time 2 --set soil.phi=0.6",
     "compare": "cdl compare two_wheel --out results/compare",
@@ -18,6 +20,7 @@ _EXAMPLES = {
     "plot": "cdl plot results/two_wheel -o drive.pdf",
     "export": "cdl export two_wheel -o rover.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
+    "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
     "doctor": "cdl doctor",
 }
 
@@ -26,6 +29,7 @@ _REFUSALS = {
     "cdl_fmu.slave.kernel": "CacheError",
     "cdl_fmu.slave.model": "ModelError",
     "cdl_fmu.soil": "SoilError",
+    "cdl_fmu.soil.measurements": "IdentifyError",
     "orchestrator.experiment": "ExperimentError",
     "orchestrator.fmu": "SlaveError",
     "orchestrator.results": "ResultError",
@@ -283,6 +287,9 @@ def diff(
     found = diff_results(open_result(result), open_result(baseline), rtol, atol)
     print(found or f"{result} agrees with {baseline} (rtol {rtol:g}, atol {atol:g})")
     raise typer.Exit(1 if found else 0)
+
+
+app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['doctor']}")
