@@ -189,7 +189,7 @@ def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
     press_and_shear(p, wheel, n_block, modulus, table, per_spacing, h, sums[LENGTH], block)
     level, r = attitude(wheel)[0], p.r_w
     dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
-    layer = 0.5 * dragged_depth * h / p.cell
+    layer = (0.5 * p.transport_depth + (p.e[14] * p.h_g if p.n_g > 0.0 else 0.0)) * h / p.cell
     for m in range(n_block):
         row, a, b, along = int(block.row[m]), int(block.a[m]), int(block.b[m]), block.along[m]
         if block.total[m] <= 0.0:
