@@ -70,6 +70,7 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A value in place of the experiment's, e.g. soil.phi=0.6; may be repeated."),
 ]
+Soil = Annotated[str | None, typer.Option(metavar="SET|FILE", help="Soil set, by name or .toml file, in place of the experiment's.")]
 StopTime = Annotated[float | None, typer.Option(metavar="S", help="End of the run, in s.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")]
 Scheme = Literal["ij", "gs-mid", "gs", "jacobi", "aitken"]
@@ -97,6 +98,7 @@ def run(
         str, typer.Argument(metavar="SOURCE", help="A shipped experiment (two_wheel), an experiment's .toml, or an .ssp package.")
     ],
     tiers: Tiers = None,
+    soil: Soil = None,
     settings: Settings = None,
     stop_time: StopTime = None,
     step: Annotated[float | None, typer.Option(metavar="S", help="Communication step, in s.")] = None,
@@ -120,6 +122,7 @@ def run(
             source,
             out,
             tiers=_tiers(tiers),
+            soil=soil,
             overrides=_overrides(settings),
             scheme=scheme,
             step=step,
@@ -133,7 +136,7 @@ def run(
     if as_json:
         print(json.dumps(facts))
     else:
-        _summarise(outcome, facts["wheels"], resumed=resume is not None)
+        _summarise(outcome, facts.get("wheels", []), resumed=resume is not None)
     for warning in outcome.warnings:
         _say(f"warning: {warning}")
     if outcome.status == "interrupted":

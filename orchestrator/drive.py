@@ -11,9 +11,10 @@ from tempfile import TemporaryDirectory
 from .report import plot, summary
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
+from .single_wheel import is_testbed, measure_result
 from .soil_map import soil_of
 from .ssp import UNPACKED, read_system
-from .wheels import dimensions_of, ground_of, wheels_of
+from .wheels import carriage_of, dimensions_of, ground_of, wheels_of
 
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
@@ -23,6 +24,7 @@ def simulate(
     out: str | Path | None = None,
     *,
     tiers: Sequence[str] | None = None,
+    soil: str | Path | None = None,
     overrides: Mapping[str, object] | None = None,
     scheme: str | None = None,
     step: float | None = None,
@@ -38,6 +40,7 @@ def simulate(
         source: Name of a shipped experiment, path of an experiment's .toml, or of an .ssp package.
         out: Folder; ``results/<name>`` by default.
         tiers: Tier of each wheel, front first; experiments only.
+        soil: Name of a soil set or path of its .toml; experiments only.
         overrides: ``{"soil.phi": 0.6}``; experiments only.
         scheme: Coupling scheme; the experiment's own or ``ij`` by default.
         step: Communication step [s]; the source's own by default.
@@ -57,19 +60,21 @@ def simulate(
     # Not yet in ``out``: a run that is refused leaves the folder of an earlier one as it is.
     with TemporaryDirectory() as folder:
         if source.suffix == ".ssp":
-            if tiers or overrides:
-                raise RunError(f"--tiers and --set change an experiment; {source.name} is a finished system: export it anew with them")
+            if tiers or soil or overrides:
+                raise RunError(
+                    f"--tiers, --soil and --set change an experiment; {source.name} is a finished system: export it anew with them"
+                )
             package = source
         else:
             status("loading models")
             from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
 
-            experiment = load_experiment(source, tiers=tiers, overrides=overrides)
+            experiment = load_experiment(source, tiers=tiers, soil=soil, overrides=overrides)
             settings = experiment.settings
             scheme, step = scheme or settings.scheme, settings.step if step is None else step
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
-            status("settling the rover and building the FMUs; the first time, kernels are compiled")
+            status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
             experiment.write_system(package)
             if stop_time is None:
@@ -77,6 +82,7 @@ def simulate(
         status("loading the FMUs")
         system = read_system(package, UNPACKED)
         attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system), "dimensions": dimensions_of(system)}
+        attributes["carriage"] = carriage_of(system)
         outcome = run(
             system,
             out,
@@ -99,8 +105,12 @@ def simulate(
 
 
 def facts_of(outcome: Outcome) -> dict[str, object]:
-    """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units, ``wheels`` as :func:`.report.summary` has them."""
+    """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units.
+
+    ``wheels`` is as :func:`.report.summary` has them; a testbed has what :meth:`.single_wheel.Measurement.facts` says instead.
+    """
     result = open_result(outcome.result)
-    wheels = summary(result) if json.loads(result.attrs["wheels"]) else []
-    facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")}
-    return {**facts, "result": str(outcome.result), "wheels": wheels}
+    facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")} | {"result": str(outcome.result)}
+    if is_testbed(result):
+        return facts | measure_result(result).facts()
+    return facts | {"wheels": summary(result) if json.loads(result.attrs["wheels"]) else []}

@@ -1,7 +1,8 @@
 """Pictures and numbers of a drive, from its result file alone.
 
 A result names its wheels in the attribute ``wheels``, a JSON list of ``{"name": "front", "tier": "BCM", "instance": "bcm",
-"index": 1, "rover_index": 1}``: this wheel's contact answers in ``bcm.diagnostics[1].*`` and its pose is ``rover.wheel[1].*``.
+"index": 1, "mover": "rover", "rover_index": 1}``: this wheel's contact answers in ``bcm.diagnostics[1].*`` and its pose is
+``rover.wheel[1].*``.
 ``ground_z`` is the height of the undeformed ground [m].
 """
 
@@ -40,6 +41,12 @@ class Wheel:
     instance: str
     index: int
     rover_index: int
+    mover: str = "rover"
+
+    @property
+    def port(self) -> str:
+        """Name that the channels of its pose begin with."""
+        return f"{self.mover}.wheel[{self.rover_index}]"
 
     def diagnostic(self, name: str) -> np.ndarray:
         """A contact diagnostic [n_times]; forces are in the heading frame (z global, x along the wheel's heading)."""
@@ -47,7 +54,7 @@ class Wheel:
 
     def centre(self, axis: str) -> np.ndarray:
         """Coordinate ``x``, ``y`` or ``z`` of the wheel's centre in world [m], z above the undeformed ground, shape [n_times]."""
-        r_0 = self.result.cdl[f"rover.wheel[{self.rover_index}].r_0[{'xyz'.index(axis) + 1}]"].values
+        r_0 = self.result.cdl[f"{self.port}.r_0[{'xyz'.index(axis) + 1}]"].values
         return r_0 - float(self.result.attrs.get("ground_z", 0.0)) if axis == "z" else r_0
 
 
