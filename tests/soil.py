@@ -8,6 +8,7 @@ from scipy.ndimage import binary_dilation
 
 from cdl_fmu.frames import axis_rotation
 from cdl_fmu.scm import SCM
+from cdl_fmu.scm.erosion import repose_of
 from cdl_fmu.scm.pool import Heights, heights
 from cdl_fmu.scm.tiles import FILL, QUANTUM, SINKAGE, SLIDING, STAMP, TILE, TILE_I, TILE_J, let_slide, touch
 from cdl_fmu.slave.model import Instance
@@ -168,7 +169,7 @@ def excess(instance: Instance, waited=0, away=0.0) -> tuple[float, float]:
     z = np.where(left, z, np.nan)
 
     def steepest(pairs, distance):
-        return max(np.nanmax(np.abs(a - b)) for a, b in pairs) / cell - distance * math.tan(instance.p.repose)
+        return max(np.nanmax(np.abs(a - b)) for a, b in pairs) / cell - distance * math.tan(repose_of(instance.p))
 
     straight = steepest([(z[1:], z[:-1]), (z[:, 1:], z[:, :-1])], 1.0)
     diagonal = steepest([(z[1:, 1:], z[:-1, :-1]), (z[1:, :-1], z[:-1, 1:])], math.sqrt(2.0))

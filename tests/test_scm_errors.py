@@ -17,8 +17,8 @@ OFF_MAP = r"wheel 1, at \([-\d.]+, [-\d.]+\) m, leaves the map: keep it, .* with
     [
         (dict(cell=0.05), r"cell = 0.05 m: larger than a third of the wheel's width b_w = 0.125 m; use at most 0.0417 m"),
         (dict(cell=math.nan), r"cell = nan m: it must be finite"),
-        (dict(repose=0), r"repose = 0 rad: it must be at least 0.01 rad \(Angle of repose, above 0 and below 90 deg"),
-        (dict(repose=1.6), r"repose = 1.6 rad: it must be at most 1.55 rad \(Angle of repose, above 0 and below 90 deg"),
+        (dict(repose=-0.1), r"repose = -0.1 rad: it must be at least 0 rad \(Angle of repose, below 90 deg; 0 = phi"),
+        (dict(repose=1.6), r"repose = 1.6 rad: it must be at most 1.55 rad \(Angle of repose, below 90 deg; 0 = phi"),
         (dict(plasticity=1.1), r"plasticity = 1.1: it must be at most 1 "),
         (dict(k_e=0), r"k_e = 0 Pa/m: it must be at least 1000 Pa/m"),
         (dict(layer_depth=0), r"layer_depth = 0 m: it must be at least 0.001 m"),

@@ -193,8 +193,9 @@ def test_a_second_wheel_in_the_rut_sinks_little_further_and_meets_less_resistanc
     again = second.move(1.4, forward=0.1, rate=0.8)[700:].mean(axis=0)
     first_mm, second_mm = 1e3 * passed[6], 1e3 * again[6]
     assert first_mm < second_mm < 1.3 * first_mm
-    rolling = -on_soil(phi=0.01, c=0).move(2.0, forward=0.1, rate=0.8)[1000:, 0].mean()
-    trodden = on_soil(phi=0.01, c=0)
+    slippery = dict(phi=0.01, c=0, repose=SOIL["phi"])
+    rolling = -on_soil(**slippery).move(2.0, forward=0.1, rate=0.8)[1000:, 0].mean()
+    trodden = on_soil(**slippery)
     trodden.move(2.0, forward=0.1, rate=0.8)
     behind = Carriage(trodden.instance, at=(0.0, 0.0), depth=trodden.sinkage - 2e-3, load=LOAD)
     behind.put_down()

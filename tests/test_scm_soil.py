@@ -113,6 +113,13 @@ def test_a_ridge_comes_to_rest_at_the_angle_of_repose_whatever_its_direction(deg
         assert slope == pytest.approx(36.7, abs=0.5)
 
 
+@pytest.mark.parametrize(("parameters", "degrees"), [({}, 25), (dict(repose=math.radians(36.7)), 36.7)])
+def test_slopes_slide_down_to_phi_unless_the_angle_of_repose_is_given(parameters, degrees):
+    instance = heap(lambda x, y: np.maximum(0.0, 0.15 - 1.5 * np.hypot(x, y)), 0.3, phi=math.radians(25.0), **parameters)
+    wait_for_rest(instance)
+    assert np.degrees(slopes(instance, np.nanmax(surface(instance).z))).mean() == pytest.approx(degrees, abs=0.6)
+
+
 def test_shallower_soil_stays_where_it_is():
     instance = heap(lambda x, y: np.maximum(0.0, 0.1 - math.tan(math.radians(36.0)) * np.hypot(x, y)), 0.3)
     before = fields(instance, FILL).copy()

@@ -13,7 +13,7 @@ def test_shipped_sets_load(name):
 
 
 def test_table_8_2():
-    expected = dict(k_c=-2.86e6, k_phi=2.47e8, n=2.49, c=66.5, phi=math.radians(36.7), rho=1896.0)
+    expected = dict(k_c=-2.86e6, k_phi=2.47e8, n=2.49, c=66.5, phi=math.radians(36.7), K=0.02, rho=1896.0)
     assert load_soil("mss_d") == pytest.approx(expected, rel=1e-15)
 
 
@@ -37,7 +37,7 @@ def test_a_users_file_loads(soil_file):
     ("old", "new", "text"),
     [
         ("[rho]", "[rhoo]", r"sand.toml: unknown key 'rhoo': did you mean rho\?"),
-        ("[rho]", "[colour]", r"sand.toml: unknown key 'colour': remove it; a soil has k_c, k_phi, n, c, phi, rho"),
+        ("[rho]", "[colour]", r"sand.toml: unknown key 'colour': remove it; a soil has k_c, k_phi, n, c, phi, K, rho"),
         ("[c]\nvalue = 66.5\n", "[c]\n", r"sand.toml: c has no value: write \[c\] with value"),
         ('source = "a test"', "", "sand.toml: k_c has no source"),
         ('"kg/m3"', '"g/cm3"', "sand.toml: rho has the unit 'g/cm3': convert the value to 'kg/m3'"),

@@ -64,7 +64,6 @@ class BCM(KernelModel):
             V_theta=Real(0.01, "m/s", "Speed over which the exit angle falls from the entry angle to eta of it", min=1e-6, max=100.0),
             V_j=Real(0.05, "m/s", "Shear velocity that mobilises 63 % of the shear strength", min=1e-6, max=100.0),
             V_j_mode=Choice("Shear velocity scale", constant="V_j at every speed", mapped="shear displacement since entry, by K"),
-            K=Real(0.02, "m", "Shear displacement modulus of Janosi and Hanamoto; used if V_j_mode is mapped", min=1e-6, max=10.0),
             normal_model=Choice("Normal stress over the rim", bekker="Bekker at local sinkage", wong_reece="two parts, 0 at the exit"),
             c_1=Real(0.43, "1", "Angle of the largest normal stress / entry angle at slip 0; used by wong_reece", min=0.0, max=0.95),
             c_2=Real(0.32, "1", "Its increase with slip; used by wong_reece", min=-0.95, max=0.95),

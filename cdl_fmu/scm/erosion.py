@@ -39,6 +39,7 @@ _SHARE_STEEP, _SHARE_GENTLE = 0.2, 0.48
 _SHARE_CORNER = 0.2  # the same between two cells that share a corner
 _FASTEST = 0.05  # of a cell that may flow across a face in a sweep, so that soil does not shoot into a gap below a tool
 _AT_REST = 0.004  # excess of the slope that stays: below the 0.01 of a cell that is asked for
+_LEAST_REPOSE = 0.01  # [rad]: no soil becomes level all the way, as a liquid would
 _REACH = 2  # cells around one that moved whose faces feel it
 
 #: Cell a of a tile has the index a + EDGE in its surroundings, so that no neighbour of a cell around the tile has an index below 0.
@@ -47,6 +48,12 @@ _AROUND = TILE + EDGE + 1
 #: Memory for a tile that slides: heights [m] and whether they are held (0 or 1) of its cells and those around it, the change of each [m],
 #: and whether soil may flow from a cell of the row that is looked at (0 or 1). Of fixed sizes, so that loops become vector instructions.
 DTYPE = np.dtype([(name, np.float64, (_AROUND, _AROUND)) for name in ("z", "held", "moved")] + [("steep", np.float64, (_AROUND,))])
+
+
+@kernel
+def repose_of(p):
+    """Angle of repose [rad]: ``repose``, or phi where that is 0."""
+    return max(p.repose if p.repose > 0.0 else p.phi, _LEAST_REPOSE)
 
 
 @kernel
@@ -62,7 +69,7 @@ def slide(p, rows, marks, head, ground, frame, stamp, k, tile):
     for i in range(i0 - 1, i1 + 2):
         for j in range(j0 - 1, j1 + 2):
             tile.moved[i, j] = 0.0
-    tan_repose = math.tan(p.repose)
+    tan_repose = math.tan(repose_of(p))
     low = ((tan_repose + _AT_REST) * p.cell) ** 2
     corner = (math.sqrt(2.0) * tan_repose + 2.0 * _AT_REST) * p.cell
     for i in range(i0 - 1, i1 + 1):

@@ -59,7 +59,6 @@ class SCM(KernelModel):
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
             k_e=Real(2e8, "Pa/m", "Elastic stiffness of soil that is unloaded and loaded again", min=1e3, max=1e12),
-            K=Real(0.02, "m", "Shear displacement modulus of Janosi and Hanamoto", min=1e-6, max=10.0),
             tau_r=Real(0.1, "s", "Time by which the shear velocity adds to the shear displacement", min=0.0, max=10.0),
             c_d=Real(1.9, "s/m", "Normal damping: pressure grows by this times the wheel's sinking speed", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces", min=0.0, max=1.0),
@@ -69,7 +68,7 @@ class SCM(KernelModel):
             transport_depth=Real(
                 0.001, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0
             ),
-            repose=Real(0.640535835481919, "rad", "Angle of repose, above 0 and below 90 deg (36.7 deg: phi of MSS-D)", min=0.01, max=1.55),
+            repose=Real(0.0, "rad", "Angle of repose, below 90 deg; 0 = phi, as of loose dry sand", min=0.0, max=1.55),
             erosion_interval=Real(1e-3, "s", "Simulated time between two sweeps of landslides", min=1e-6, max=10.0),
             erosion_sweeps=Real(4.0, "1", "Most sweeps in one step", min=0.0, max=1e4),
             layer_depth=Real(10.0, "m", "Depth of the soil's layer above what cannot be pressed", min=1e-3, max=1e4),
@@ -99,8 +98,8 @@ class SCM(KernelModel):
         ),
         NO_ROOM_TO_SLIDE: Event(
             f"soil that should slide stays where it is: it is on more than {LONGEST_QUEUE} tiles at once, or they are more than "
-            "max_tiles = {p.max_tiles:.0f}; raise max_tiles, coarsen cell, or take a base raster that is less steep than "
-            "repose = {p.repose:.3g} rad",
+            "max_tiles = {p.max_tiles:.0f}; raise max_tiles, coarsen cell, or take a base raster that is less steep than the angle of "
+            "repose, repose = {p.repose:.3g} rad (0 = phi, {p.phi:.3g} rad)",
             is_error=False,
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),

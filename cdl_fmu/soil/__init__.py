@@ -17,13 +17,14 @@ def _soil(name: str, unit: str, description: str, low: float, high: float) -> Re
     return Real(_DEFAULT[name]["value"], unit, description, min=low, max=high)
 
 
-#: Soil of a pressure-sinkage contact; starts are MSS-D's. k_c may be negative: bearing pressure then grows with the plate's size.
+#: Soil of a contact; starts are MSS-D's. k_c may be negative: bearing pressure then grows with the plate's size.
 SOIL = Record(
     k_c=_soil("k_c", "N/m^(n+1)", "Bekker's cohesive modulus of sinkage", -1e12, 1e12),
     k_phi=_soil("k_phi", "N/m^(n+2)", "Bekker's frictional modulus of sinkage", 0.0, 1e12),
     n=_soil("n", "1", "Bekker's exponent of sinkage", 0.0, 5.0),
     c=_soil("c", "Pa", "Cohesion", 0.0, 1e6),
     phi=_soil("phi", "rad", "Angle of internal friction", 0.0, 1.3),
+    K=_soil("K", "m", "Shear displacement modulus of Janosi and Hanamoto", 1e-6, 10.0),
     rho=_soil("rho", "kg/m3", "Bulk density", 0.0, 1e4),
 )
 
