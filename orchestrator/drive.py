@@ -8,10 +8,11 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from .report import plot, summary
+from .measured import Measured
+from .measurement import measure_result
+from .report import is_testbed, plot, summary
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
-from .single_wheel import is_testbed, measure_result
 from .soil_map import soil_of
 from .ssp import UNPACKED, read_system
 from .wheels import carriage_of, dimensions_of, ground_of, wheels_of
@@ -31,6 +32,8 @@ def simulate(
     stop_time: float | None = None,
     checkpoint_every: float | None = None,
     resume: str | Path | None = None,
+    measured: Measured | None = None,
+    picture: bool = True,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     status: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
@@ -47,6 +50,8 @@ def simulate(
         stop_time: End [s]; the source's own by default.
         checkpoint_every: Simulated time between checkpoints [s].
         resume: Checkpoint to go on from.
+        measured: Tests that are laid over the picture of a single-wheel testbed.
+        picture: Whether to draw ``result.png``, which takes a second.
         progress: Called now and then with the time reached and the stop time [s].
         status: Called with what is being done before the run.
 
@@ -98,7 +103,8 @@ def simulate(
             resume=None if resume is None else Path(resume),
         )
     try:
-        plot(open_result(outcome.result)).savefig(out / "result.png")
+        if picture:
+            plot(open_result(outcome.result), measured).savefig(out / "result.png")
     except ResultError as error:  # a foreign system has no wheels to draw
         outcome.warnings.append(f"no picture: {error}")
     return outcome
@@ -107,7 +113,7 @@ def simulate(
 def facts_of(outcome: Outcome) -> dict[str, object]:
     """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units.
 
-    ``wheels`` is as :func:`.report.summary` has them; a testbed has what :meth:`.single_wheel.Measurement.facts` says instead.
+    ``wheels`` is as :func:`.report.summary` has them; a testbed has what :meth:`.measurement.Measurement.facts` says instead.
     """
     result = open_result(outcome.result)
     facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")} | {"result": str(outcome.result)}

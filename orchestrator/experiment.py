@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from cdl_fmu.slave.interface import ENVIRONMENT
-from cdl_fmu.slave.model import Instance, ModelError, describe_violation, parse_value
+from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil
 from cdl_fmu.wheel import WHEEL
 from fmus import EXPERIMENTS, TIERS, contacts
 
 from .assemble import assemble
-from .rigs import Rig, rig_of
+from .rigs import TESTBED, Rig, rig_of
 from .schemes import SCHEMES
 
 #: The [run] section.
@@ -63,6 +63,36 @@ def load_experiment(
     Raises:
         ExperimentError: the file or a value is wrong.
     """
+    return Experiment(*_read(source, tiers, soil, overrides or {}))
+
+
+def swept_keys(
+    source: str | Path,
+    *,
+    tiers: Sequence[str] | None = None,
+    soil: str | Path | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> dict[str, list]:
+    """Keys of a testbed's experiment that have one value and are given a list: those of ``overrides`` first, as given, then the file's.
+
+    Arguments are those of :func:`load_experiment`. No other experiment is swept.
+
+    Raises:
+        ExperimentError: the file is wrong, or a list is empty or has a value twice.
+    """
+    *_, tables, options, rig = _read(source, tiers, soil, overrides or {})
+    if rig is not TESTBED:
+        return {}
+    lists = {key: value for key, value in _flat(tables) if isinstance(value, list) and _takes_one(key, rig)}
+    for key, values in lists.items():
+        if not values or any(value in values[:i] for i, value in enumerate(values)):
+            what = "a value is given twice" if values else "there is no value"
+            raise ExperimentError(f"{options.get(key, Path(source).name)}: {key} = {values!r}: {what}; a sweep needs each value once")
+    return {key: lists[key] for key in [*(key for key in overrides or {} if key in lists), *lists]}
+
+
+def _read(source: str | Path, tiers: Sequence[str] | None, soil: str | Path | None, overrides: Mapping[str, object]) -> tuple:
+    """File, its text, its tables with the options' values in place, key -> the command line's option that gave it, kind of experiment."""
     path = EXPERIMENTS.get(str(source), Path(source))
     if not path.is_file():
         raise ExperimentError(f"no experiment {str(source)!r}: use one of {', '.join(EXPERIMENTS)} or the path of a .toml file")
@@ -96,9 +126,9 @@ def load_experiment(
     if soil is not None:
         tables["soil"] = {}
         put("soil.set", str(soil), f"--soil {soil}")
-    for key, value in (overrides or {}).items():
+    for key, value in overrides.items():
         put(key, value, f"--set {key}")
-    return Experiment(path, text, tables, options, rig)
+    return path, text, tables, options, rig
 
 
 class Experiment:
@@ -123,17 +153,8 @@ class Experiment:
         #: part -> its model
         self._models = {part: kind() for part, kind in rig.parts.items()}
         self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values()).items()}
-        # Sections of all tiers, so that one file serves runs on any of them.
-        models = {tier.lower(): kind() for tier, kind in TIERS.items()} | self._models
-        shared = ENVIRONMENT | SOIL | WHEEL
-        elsewhere = {*shared.fields, *rig.given}  # neither in a part's section
-        self._records = {
-            "run": RUN,
-            "environment": ENVIRONMENT,
-            "soil": SOIL,
-            "wheel": WHEEL,
-            **{part: _without(model.parameters, elsewhere) for part, model in models.items()},
-        }
+        models = _models(rig) | self._models
+        self._records = _sections(rig, models)
         self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
@@ -283,6 +304,27 @@ class Experiment:
         return self._file
 
 
+def _models(rig: Rig) -> dict[str, Model]:
+    """A model of each part and of each tier, so that one file serves runs on any of them."""
+    return {name: kind() for name, kind in (*rig.parts.items(), *((tier.lower(), kind) for tier, kind in TIERS.items()))}
+
+
+def _sections(rig: Rig, models: Mapping[str, Model]) -> dict[str, Record]:
+    """Section -> what it holds."""
+    elsewhere = {*(ENVIRONMENT | SOIL | WHEEL).fields, *rig.given}
+    own = {part: Record(**{k: f for k, f in model.parameters.fields.items() if k not in elsewhere}) for part, model in models.items()}
+    return {"run": RUN, "environment": ENVIRONMENT, "soil": SOIL, "wheel": WHEEL, **own}
+
+
+def _takes_one(key: str, rig: Rig) -> bool:
+    """Whether a key has one value, not an array of them."""
+    if key in rig.keys.fields or key in rig.tiers.values() or key == "soil.set":
+        return True
+    models, (section, _, name) = _models(rig), key.partition(".")
+    record = _sections(rig, models).get(section, Record())
+    return name in {s.name for s in record.scalars()} or (section in models and name in models[section].files)
+
+
 def _joined(section: str, key: str) -> str:
     return ".".join(filter(None, (section, key)))
 
@@ -297,7 +339,3 @@ def _flat(table: Mapping, prefix: str = ""):
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
-
-
-def _without(record: Record, others: Iterable[str]) -> Record:
-    return Record(**{name: field for name, field in record.fields.items() if name not in others})

@@ -1,109 +1,26 @@
-"""What a single-wheel testbed measures: means over the stationary part of a run, read from its result alone."""
+"""Runs on the single-wheel testbed: one point, or all points of a sweep in processes side by side."""
 
 from __future__ import annotations
 
+import csv
 import json
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+import multiprocessing
+import os
+import re
+import signal
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-import xarray as xr
-
-from .report import Wheel, wheels_of
-from .results import ResultError
-from .stationary import Part, Signal, stationary_part
-
-#: Key of a measured quantity -> the contact's diagnostic, in the wheel's heading frame.
-QUANTITIES = {
-    "drawbar_pull_N": "drawbar_pull",
-    "lateral_force_N": "lateral_force",
-    "torque_Nm": "drive_torque",
-    "sinkage_m": "sinkage",
-    "normal_load_N": "normal_load",
-}
-
-# Tolerances of the stationary part: of sinkage in m and relative to its mean, of forces relative to the load.
-_SINKAGE_ABSOLUTE, _SINKAGE_RELATIVE, _FORCE = 1e-4, 0.02, 0.02
-#: Quantities that settle and do not drift in the stationary part.
-_STEADY = ("sinkage_m", "drawbar_pull_N", "lateral_force_N")
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """A run on a testbed.
-
-    Attributes:
-        wheel: Its wheel.
-        carriage: ``load_N, carriage_speed, slip, slip_angle, wheel_rate, full_speed_s`` of the run; SI units.
-        path: Travel of the carriage in each row, or of the rim where the carriage stands [m], shape [n].
-        part: The stationary part; drifts are those of sinkage, drawbar pull and lateral force.
-    """
-
-    wheel: Wheel
-    carriage: Mapping[str, float]
-    path: np.ndarray
-    part: Part
-
-    def series(self, quantity: str) -> np.ndarray:
-        """A quantity out of ``QUANTITIES`` in each row, shape [n]."""
-        return self.wheel.diagnostic(QUANTITIES[quantity])
-
-    def facts(self) -> dict[str, str | float | bool]:
-        """What ``cdl run --json`` says of the run: its settings, mean and standard deviation of each quantity, where it is stationary."""
-        rows = slice(self.part.first, None)
-        settings = {key: value for key, value in self.carriage.items() if key != "full_speed_s"}
-        facts: dict[str, str | float | bool] = {"tier": self.wheel.tier, **settings}
-        for quantity in QUANTITIES:
-            values = self.series(quantity)[rows]
-            facts |= {quantity: float(values.mean()), f"{quantity}_std": float(values.std())}
-        return (
-            facts
-            | {
-                "stationary": self.part.stationary,
-                "stationary_from_s": float(self.wheel.result.time.values[self.part.first]),
-                "stationary_travel_m": float(self.path[-1] - self.path[self.part.first]),
-            }
-            | {f"{quantity}_drift_per_m": drift for quantity, drift in zip(_STEADY, self.part.drifts)}
-        )
-
-
-def is_testbed(result: xr.Dataset) -> bool:
-    """Whether a result is of a single-wheel testbed."""
-    return bool(json.loads(result.attrs.get("carriage", "{}")))
-
-
-def measure_result(result: xr.Dataset) -> Measurement:
-    """Read a run on a testbed, and find where it is stationary.
-
-    Raises:
-        ResultError: the result is of no testbed, or has no rows.
-    """
-    if not is_testbed(result):
-        raise ResultError("the result is of no single-wheel testbed (attribute 'carriage'): run the experiment single_wheel")
-    (wheel,) = wheels_of(result)
-    carriage, size = json.loads(result.attrs["carriage"]), json.loads(result.attrs["dimensions"])
-    time = result.time.values
-    full = np.flatnonzero(time >= carriage["full_speed_s"] - 1e-9)
-    rate = abs(carriage["wheel_rate"])
-    if carriage["carriage_speed"] > 0.0:
-        path, per_radian = result.cdl[f"{wheel.mover}.travel"].values, carriage["carriage_speed"] / rate if rate > 0.0 else 0.0
-    else:
-        path, per_radian = size["r_w"] * rate * np.maximum(time - carriage["full_speed_s"], 0.0), size["r_w"]
-    ripple = 2.0 * math.pi / size["n_g"] * per_radian if size["n_g"] > 0.0 else 0.0
-    first = int(full[0]) if full.size else time.size
-    signals = []
-    for quantity in _STEADY:
-        values = wheel.diagnostic(QUANTITIES[quantity])[first:]
-        if quantity == "sinkage_m":
-            signals.append(Signal(values, _SINKAGE_ABSOLUTE, _SINKAGE_RELATIVE))
-        else:
-            signals.append(Signal(values, _FORCE * carriage["load_N"]))
-    part = stationary_part(path[first:], signals, ripple)
-    begin = first + part.first if first < time.size else time.size - 1  # it ended before it was at full speed: its last row
-    return Measurement(wheel, carriage, path, Part(begin, part.stationary, part.drifts))
+from .drive import facts_of, simulate
+from .experiment import swept_keys
+from .measured import Measured
+from .measurement import SWEEP
+from .run import RunError
+from .testbed_picture import sweep_picture
 
 
 def measure(
@@ -130,7 +47,168 @@ def measure(
     Raises:
         ExperimentError, SlaveError, ResultError, RunError: see :func:`orchestrator.simulate`; each names what is wrong and the remedy.
     """
-    from .drive import facts_of, simulate
-
     with TemporaryDirectory() as folder:
-        return facts_of(simulate(experiment, out or folder, overrides=overrides, soil=soil, **options))
+        return facts_of(simulate(experiment, out or folder, overrides=overrides, soil=soil, picture=out is not None, **options))
+
+
+@dataclass
+class Sweep:
+    """Points of a sweep so far.
+
+    Attributes:
+        out: Folder with a folder for each point, ``sweep.csv`` and ``sweep.json``.
+        keys: Swept key -> its values, the first key varying slowest.
+        rows: What was measured at each finished point, in the order of the points: its swept values and what :func:`measure` returns.
+        failed: Swept values and ``error`` of each point that failed.
+        warnings: Of the runs, each with its point.
+        interrupted: Whether points are left out because the user interrupted the sweep.
+    """
+
+    out: Path
+    keys: Mapping[str, list]
+    rows: list[dict[str, object]] = field(default_factory=list)
+    failed: list[dict[str, object]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    interrupted: bool = False
+
+    def failures(self) -> list[str]:
+        """What each failed point is and why it failed."""
+        return [f"{describe(self.keys, point)}: {point['error']}" for point in self.failed]
+
+    def facts(self) -> dict[str, object]:
+        """As ``sweep.json`` has it."""
+        return {"swept": dict(self.keys), "runs": self.rows, "failed": self.failed}
+
+    def write(self) -> None:
+        """Write ``sweep.csv`` and ``sweep.json``, so that what is finished outlasts an interrupt."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        (self.out / f"{SWEEP}.json").write_text(json.dumps(self.facts(), indent=2) + "\n", encoding="utf-8")
+        with (self.out / f"{SWEEP}.csv").open("w", encoding="utf-8", newline="") as file:
+            columns = dict.fromkeys([*self.keys, *(key for row in self.rows for key in row)])
+            table = csv.DictWriter(file, columns)
+            table.writeheader()
+            table.writerows(self.rows)
+
+    def draw(self, measured: Measured | None = None) -> None:
+        """Write ``sweep.png`` if a point is finished, with tests laid over it."""
+        if self.rows:
+            sweep_picture(self.keys, self.rows, measured).savefig(self.out / f"{SWEEP}.png")
+
+
+def sweep(
+    overrides: Mapping[str, object] | None = None,
+    *,
+    experiment: str | Path = "single_wheel",
+    soil: str | Path | None = None,
+    out: str | Path | None = None,
+    processes: int | None = None,
+    **options,
+) -> list[dict[str, object]]:
+    """Run all points of a sweep and return their measurements; in a script call it below ``if __name__ == "__main__":``.
+
+    Args:
+        overrides: ``{"slip": [-0.5, 0.0, 0.5], "tier": ["BCM", "SCM"]}``: every combination of the lists is a point.
+        experiment, soil, **options: As for :func:`measure`.
+        out: Folder; ``results/<experiment>`` by default.
+        processes: Processes side by side; one for each core by default.
+
+    Returns:
+        For each point, in order, its swept values and what :func:`measure` returns.
+
+    Raises:
+        RunError: points failed; those that did not are in ``sweep.json``.
+        ExperimentError: see :func:`orchestrator.experiment.load_experiment`.
+        KeyboardInterrupt: interrupted; what was finished is in ``sweep.json``.
+    """
+    keys = swept_keys(experiment, soil=soil, overrides=overrides)
+    done = run_sweep(keys, experiment, out, soil=soil, overrides=overrides, processes=processes, **options)
+    if done.interrupted:
+        raise KeyboardInterrupt
+    if done.failed:
+        raise RunError("\n".join(done.failures()))
+    return done.rows
+
+
+def run_sweep(
+    keys: Mapping[str, list],
+    experiment: str | Path,
+    out: str | Path | None = None,
+    *,
+    overrides: Mapping[str, object] | None = None,
+    processes: int | None = None,
+    finished: Callable[[str, int, int], None] = lambda point, done, points: None,
+    **options,
+) -> Sweep:
+    """Run all points of a sweep over ``keys``; a point that fails leaves the others alone. Arguments are those of :func:`sweep`.
+
+    ``finished`` is called with each point that is done, how many are, and how many there are.
+    """
+    out = Path("results", Path(experiment).stem) if out is None else Path(out)
+    points = [dict(zip(keys, values)) for values in product(*keys.values())]
+    names = [describe(keys, point) for point in points]
+    jobs = [(experiment, out / _folder_name(name), {**(overrides or {}), **point}, options) for name, point in zip(names, points)]
+    sweep, results = Sweep(out, keys), {}
+
+    def keep(i: int, answer: dict[str, object] | str, warnings: list[str]) -> None:
+        results[i] = answer
+        sweep.warnings += [f"{names[i]}: {text}" for text in warnings]
+        sweep.rows = [points[k] | results[k] for k in sorted(results) if isinstance(results[k], dict)]
+        sweep.failed = [points[k] | {"error": results[k]} for k in sorted(results) if isinstance(results[k], str)]
+        sweep.write()
+        finished(names[i], len(results), len(points))
+
+    n_processes = min(processes or _cores(), len(points))
+    try:
+        if n_processes == 1:
+            for i, job in enumerate(jobs):
+                keep(i, *_run_point(*job))
+        else:
+            _run_side_by_side(jobs, n_processes, keep)
+    except KeyboardInterrupt:
+        sweep.interrupted = True
+    return sweep
+
+
+def describe(keys: Mapping[str, list], point: Mapping[str, object]) -> str:
+    """Swept values of a point in words: ``slip=0.5,tier=SCM``."""
+    return ",".join(f"{key}={point[key]}" for key in keys)
+
+
+def _folder_name(name: str) -> str:
+    return re.sub(r"[^\w.,=+-]+", "_", name)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _run_point(experiment, out: Path, overrides: dict, options: dict) -> tuple[dict[str, object] | str, list[str]]:
+    """What one point measures, or why it failed; and its run's warnings."""
+    try:
+        outcome = simulate(experiment, out, overrides=overrides, **options)
+        if outcome.status == "interrupted":
+            raise KeyboardInterrupt
+        return facts_of(outcome), outcome.warnings
+    except Exception as error:  # whatever it is, the other points are not to be lost
+        return f"{error}" if type(error).__module__.startswith(("orchestrator", "cdl_fmu")) else f"{type(error).__name__}: {error}", []
+
+
+def _run_side_by_side(jobs: list[tuple], n_processes: int, keep: Callable) -> None:
+    """Run points in processes of their own: FMUs written in Python share one interpreter within a process."""
+    others = set(multiprocessing.active_children())
+    # Ctrl-C reaches all processes of a terminal: it ends those that run a point through this one.
+    context, ignore = multiprocessing.get_context("spawn"), (signal.SIGINT, signal.SIG_IGN)
+    executor = ProcessPoolExecutor(n_processes, mp_context=context, initializer=signal.signal, initargs=ignore)
+    try:
+        futures = {executor.submit(_run_point, *job): i for i, job in enumerate(jobs)}
+        for future in as_completed(futures):
+            if error := future.exception():
+                keep(futures[future], f"its process ended: {error or type(error).__name__}", [])
+            else:
+                keep(futures[future], *future.result())
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
