@@ -49,8 +49,8 @@ class Rig:
         """
         return {}
 
-    def run_values(self, keys: Mapping[str, float], mover: Instance, r_w: float) -> dict[str, float]:
-        """What the [run] section leaves out and this kind of experiment knows better than the record: ``stop_time`` and ``step`` [s]."""
+    def run_values(self, keys: Mapping[str, float], mover: Instance, r_w: float) -> dict[str, float | None]:
+        """What this kind of experiment knows better than the record of [run]: ``stop_time`` (None: nothing ends it) and ``step`` [s]."""
         return {}
 
     def put_on_ground(self, mover: Instance, contacts: Contacts, wires: Wires, ground: np.ndarray) -> None:
@@ -87,15 +87,15 @@ class _Testbed(Rig):
             values["wheel_rate"] = rate
         return values
 
-    def run_values(self, keys: Mapping[str, float], mover: Instance, r_w: float) -> dict[str, float]:
+    def run_values(self, keys: Mapping[str, float], mover: Instance, r_w: float) -> dict[str, float | None]:
         p = mover.p
         fastest = max(float(p.speed), r_w * abs(float(p.wheel_rate)))
-        values = {"step": _round_down(min(STEP_TRAVEL / fastest, LONGEST_STEP) if fastest > 0.0 else LONGEST_STEP)}
-        if p.speed > 0.0:
-            travel = keys.get("travel", max(LEAST_TRAVEL, TRAVEL_IN_RADII * r_w))
-            end = float(p.lowering_time + 0.5 * p.start_ramp) + travel / float(p.speed)
-            values["stop_time"] = math.ceil(end * _STOPS_PER_SECOND - 1e-6) / _STOPS_PER_SECOND
-        return values
+        step = _round_down(min(STEP_TRAVEL / fastest, LONGEST_STEP) if fastest > 0.0 else LONGEST_STEP)
+        if p.speed == 0.0:
+            return {"step": step, "stop_time": None}
+        travel = keys.get("travel", max(LEAST_TRAVEL, TRAVEL_IN_RADII * r_w))
+        end = float(p.lowering_time + 0.5 * p.start_ramp) + travel / float(p.speed)
+        return {"step": step, "stop_time": math.ceil(end * _STOPS_PER_SECOND - 1e-6) / _STOPS_PER_SECOND}
 
     def put_on_ground(self, mover: Instance, contacts: Contacts, wires: Wires, ground: np.ndarray) -> None:
         mover.set_starts({"start.z": float(ground[0]) + tip_radius(contacts)})

@@ -8,8 +8,10 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -200,7 +202,8 @@ def _run_side_by_side(jobs: list[tuple], n_processes: int, keep: Callable) -> No
     context, ignore = multiprocessing.get_context("spawn"), (signal.SIGINT, signal.SIG_IGN)
     executor = ProcessPoolExecutor(n_processes, mp_context=context, initializer=signal.signal, initargs=ignore)
     try:
-        futures = {executor.submit(_run_point, *job): i for i, job in enumerate(jobs)}
+        with _path_without_fmus():
+            futures = {executor.submit(_run_point, *job): i for i, job in enumerate(jobs)}
         for future in as_completed(futures):
             if error := future.exception():
                 keep(futures[future], f"its process ended: {error or type(error).__name__}", [])
@@ -212,3 +215,14 @@ def _run_side_by_side(jobs: list[tuple], n_processes: int, keep: Callable) -> No
         raise
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _path_without_fmus():
+    """New processes inherit the path of modules: each FMU that this one ran has put its folder there, with a pythonfmu that builds none."""
+    before = list(sys.path)
+    sys.path[:] = [folder for folder in before if not Path(folder, "slavemodule.txt").exists()]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
