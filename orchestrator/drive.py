@@ -61,6 +61,7 @@ def simulate(
     source = Path(source)
     out = Path("results", source.stem) if out is None else Path(out)
     record_interval = None
+    warnings: list[str] = []
     attributes: dict[str, object] = {"versions": {name: version(name) for name in _TOOLS}}
     # Not yet in ``out``: a run that is refused leaves the folder of an earlier one as it is.
     with TemporaryDirectory() as folder:
@@ -75,7 +76,7 @@ def simulate(
             from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
 
             experiment = load_experiment(source, tiers=tiers, soil=soil, overrides=overrides)
-            settings = experiment.settings
+            settings, warnings = experiment.settings, experiment.warnings
             scheme, step = scheme or settings.scheme, settings.step if step is None else step
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
@@ -102,6 +103,7 @@ def simulate(
             checkpoint_every=checkpoint_every,
             resume=None if resume is None else Path(resume),
         )
+    outcome.warnings[:0] = warnings
     try:
         if picture:
             plot(open_result(outcome.result), measured).savefig(out / "result.png")

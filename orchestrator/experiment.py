@@ -14,7 +14,7 @@ import numpy as np
 from cdl_fmu.slave.interface import ENVIRONMENT
 from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
-from cdl_fmu.soil import SOIL, SoilError, load_soil
+from cdl_fmu.soil import SOIL, SoilError, load_soil, usable_widths
 from cdl_fmu.wheel import WHEEL
 from fmus import EXPERIMENTS, TIERS, contacts
 
@@ -195,6 +195,20 @@ class Experiment:
         return made
 
     @property
+    def warnings(self) -> list[str]:
+        """What the user should know of values that are all allowed."""
+        if self._usable_widths is None:
+            return []
+        low, high = self._usable_widths
+        width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)
+        if low <= width <= high:
+            return []
+        return [
+            f"{self._place('wheel', 'b_w')}: wheel.b_w = {width:g} m: the soil's plate tests are good for wheels {low:.3g} to {high:.3g} m "
+            "wide (widths in its file); test plates whose radius is nearer to the wheel's width"
+        ]
+
+    @property
     def start_is_given(self) -> bool:
         """True if the user places the wheels, so that they are not put on the ground."""
         return not self.rig.start.isdisjoint(self._values[self.rig.mover])
@@ -230,8 +244,12 @@ class Experiment:
         chosen = str(table.pop("set", "mss_d"))
         if chosen.endswith(".toml") and "soil.set" not in self._options:
             chosen = self._folder / chosen  # as the file means it, wherever the command is given
+        self._refuse_unknown(table, "soil", SOIL.fields)  # before what it may have been meant for is missed
         try:
-            return {**load_soil(chosen), **table}
+            known = load_soil(chosen, given=table.keys())
+            # Who changes the law of sinkage answers for its range.
+            self._usable_widths = usable_widths(chosen) if table.keys().isdisjoint(("k_c", "k_phi", "n")) else None
+            return {**known, **table}
         except SoilError as error:
             raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None
 

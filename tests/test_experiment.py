@@ -6,6 +6,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
+import orchestrator
 from cdl_fmu.slave.model import ModelError
 from orchestrator.assemble import assemble
 from orchestrator.experiment import ExperimentError, load_experiment
@@ -190,3 +191,38 @@ def test_a_start_height_counts_from_the_raster(sloping):
         ModelError, match=r"start\.z = 0\.15 m puts the axle of wheel front 1\.91 m below the surface: use a start\.z between 2\.06 "
     ):
         assemble(load_experiment(sloping, overrides={"rover.start.z": 0.15}))
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """An experiment on a soil as an identification without shear tests writes it, for wheels from 40 to 100 mm."""
+    text = (resources.files("cdl_fmu.soil") / "mss_d.toml").read_text(encoding="utf-8")
+    assert text.count("value = 0.640535835481919\n") == 1
+    (tmp_path / "sand.toml").write_text(text.replace("value = 0.640535835481919\n", "") + "[fit]\nwidths = [0.04, 0.1]\n", encoding="utf-8")
+    own = tmp_path / "own.toml"
+    own.write_text('[tiers]\nfront = "BCM"\nrear = "BCM"\n[soil]\nset = "sand.toml"\n')
+    return own
+
+
+def test_what_a_soil_file_lacks_the_experiment_gives(measured):
+    with pytest.raises(ExperimentError, match=r"own.toml, line 5: sand.toml has no value for phi .*: give --set soil.phi=<number>, write"):
+        load_experiment(measured)
+    with pytest.raises(ExperimentError, match=r"--set soil.phy: soil.phy is unknown; did you mean phi\?"):
+        load_experiment(measured, overrides={"soil.phy": 0.6})
+    assert load_experiment(measured, overrides={"soil.phi": 0.6}).instances()["bcm"].p.phi == 0.6
+    measured.write_text(measured.read_text() + "phi = 0.5\n")
+    assert load_experiment(measured).instances()["bcm"].p.phi == 0.5
+
+
+def test_a_wheel_for_which_the_soils_fit_is_not_good_is_warned_of(measured):
+    warning = "{}: wheel.b_w = {} m: the soil's plate tests are good for wheels 0.04 to 0.1 m wide (widths in its file); test plates whose "
+
+    def warnings(**more):
+        return load_experiment(measured, overrides={"soil.phi": 0.6, **more}).warnings
+
+    assert warnings() == [warning.format("own.toml", "0.125") + "radius is nearer to the wheel's width"]
+    assert warnings(**{"wheel.b_w": 0.03})[0].startswith(warning.format("--set wheel.b_w", "0.03"))
+    assert warnings(**{"wheel.b_w": 0.1}) == []
+    assert warnings(**{"soil.k_c": 0.0}) == []  # no longer that fit
+    outcome = orchestrator.simulate(measured, measured.parent / "out", overrides={"soil.phi": 0.6}, stop_time=0.0)
+    assert outcome.warnings == warnings()

@@ -1,10 +1,11 @@
 """Soil sets: every value with unit and source, and what a wrong file is told."""
 
 import math
+import re
 
 import pytest
 
-from cdl_fmu.soil import SOIL, SoilError, load_soil, shipped_soils
+from cdl_fmu.soil import SOIL, SoilError, load_soil, shipped_soils, usable_widths
 
 
 @pytest.mark.parametrize("name", shipped_soils())
@@ -38,12 +39,13 @@ def test_a_users_file_loads(soil_file):
     [
         ("[rho]", "[rhoo]", r"sand.toml: unknown key 'rhoo': did you mean rho\?"),
         ("[rho]", "[colour]", r"sand.toml: unknown key 'colour': remove it; a soil has k_c, k_phi, n, c, phi, K, rho"),
-        ("[c]\nvalue = 66.5\n", "[c]\n", r"sand.toml: c has no value: write \[c\] with value"),
         ('source = "a test"', "", "sand.toml: k_c has no source"),
         ('"kg/m3"', '"g/cm3"', "sand.toml: rho has the unit 'g/cm3': convert the value to 'kg/m3'"),
         ("66.5", '"soft"', "sand.toml: c = 'soft' is no number"),
         ("66.5", "-1.0", "sand.toml: c = -1 Pa: it must be between 0 and 1e"),
         ("66.5", "nan", "sand.toml: c = nan Pa: it must be between"),
+        ("value = 66.5", "vaule = 66.5", "sand.toml: c has an unknown part 'vaule': write .c. with value"),
+        ("[k_c]", "fit = 1\n[k_c]", "sand.toml: fit = 1 is no table: write .fit. with what the identification found, or remove it"),
         ("66.5", "66.5.5", "sand.toml is no TOML file: .*line"),
     ],
 )
@@ -52,11 +54,28 @@ def test_a_wrong_file_is_told_what_to_change(soil_file, old, new, text):
         load_soil(soil_file(old, new))
 
 
-def test_a_missing_value_is_named(soil_file, tmp_path):
-    path = soil_file()
+def test_missing_values_are_named_at_once_and_may_be_given(soil_file):
+    """A table without value, and no table."""
+    path = soil_file("[phi]\nvalue", "[phi]\n# value")
     path.write_text(path.read_text().split("[rho]")[0])
-    with pytest.raises(SoilError, match=r"sand.toml: rho \(Bulk density\) is missing: write \[rho\] with value"):
+    text = (
+        "sand.toml has no value for phi (Angle of internal friction, in rad), rho (Bulk density, in kg/m3): "
+        "give --set soil.phi=<number> --set soil.rho=<number>, write them into the file with unit and source, "
+        "or measure by shear tests (cdl identify plates.csv --shear shear.csv) and by weighing a known volume"
+    )
+    with pytest.raises(SoilError, match=f"^{re.escape(text)}$"):
         load_soil(path)
+    with pytest.raises(SoilError, match=r"no value for rho \(Bulk density, in kg/m3\): give --set soil.rho=.* or measure by weighing"):
+        load_soil(path, given=["phi"])
+    assert load_soil(path, given=["phi", "rho", "n"]).keys() == SOIL.fields.keys() - {"phi", "rho"}
+
+
+def test_what_an_identification_found_may_stand_in_a_soil_file(soil_file):
+    path = soil_file("[k_c]", "fit.widths = [0.04, 0.1]\nfit.anything = {a = 1}\n[k_c]")
+    assert load_soil(path).keys() == SOIL.fields.keys()
+    assert usable_widths(path) == (0.04, 0.1)
+    assert usable_widths("mss_d") is None
+    assert usable_widths(soil_file("[k_c]", 'fit.widths = "all"\n[k_c]')) is None
 
 
 def test_an_unknown_set_lists_the_known_ones():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
 
 from ..slave.model import ModelError
@@ -49,14 +50,48 @@ def shipped_soils() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def load_soil(name_or_path: str | Path) -> dict[str, float]:
+def load_soil(name_or_path: str | Path, given: Collection[str] = ()) -> dict[str, float]:
     """Values of a shipped set (``"mss_d"``) or of a TOML file, ready as parameters: ``Instance(BCM(), **load_soil("mss_d"))``.
 
-    Each parameter is a table ``[k_c]`` with ``value``, ``unit`` and ``source``; the unit must be the record's.
+    Each parameter is a table ``[k_c]`` with ``value``, ``unit`` and ``source``; the unit must be the record's. A table without value, or no
+    table, says that the value is not known. ``title`` and a table ``[fit]``, of what an identification found, may stand beside them.
+
+    Args:
+        name_or_path: Name of a shipped set, or path of a file that ends in .toml.
+        given: Parameters whose values come from elsewhere, so that the file may lack them; those it lacks are not returned.
 
     Raises:
-        SoilError: The set or file does not exist, or a key, value, unit, source or bound is wrong.
+        SoilError: The set or file does not exist, a value is missing, or a key, value, unit, source or bound is wrong.
     """
+    file, tables = _read(name_or_path)
+    values = {key: _value(file, key, tables[key], field) for key, field in SOIL.fields.items() if key in tables}
+    known = {key: value for key, value in values.items() if value is not None}
+    if missing := [key for key in SOIL.fields if key not in known and key not in given]:
+        what = ", ".join(f"{key} ({SOIL.fields[key].description}, in {SOIL.fields[key].unit})" for key in missing)
+        settings = " ".join(f"--set soil.{key}=<number>" for key in missing)
+        how = " and ".join(measure for keys, measure in _MEASURES.items() if not keys.isdisjoint(missing))
+        raise SoilError(f"{file} has no value for {what}: give {settings}, write them into the file with unit and source, or measure {how}")
+    return known
+
+
+def usable_widths(name_or_path: str | Path) -> tuple[float, float] | None:
+    """Least and largest width [m] of wheels for which a soil file's fit is good; None if it has none. Raises SoilError as load_soil."""
+    match _read(name_or_path)[1].get("fit", {}).get("widths"):
+        case [int() | float() as low, int() | float() as high]:
+            return float(low), float(high)
+    return None
+
+
+#: How a bevameter measures the parameters.
+_MEASURES = {
+    frozenset(("k_c", "k_phi", "n")): "by plate tests (cdl identify plates.csv)",
+    frozenset(("c", "phi", "K")): "by shear tests (cdl identify plates.csv --shear shear.csv)",
+    frozenset(("rho",)): "by weighing a known volume",
+}
+
+
+def _read(name_or_path: str | Path) -> tuple[str, dict]:
+    """Name of a soil's file, and what stands in it under known keys."""
     path = Path(name_or_path)
     if path.suffix != ".toml":
         path = _FOLDER / f"{name_or_path}.toml"
@@ -66,25 +101,32 @@ def load_soil(name_or_path: str | Path) -> dict[str, float]:
         raise SoilError(f"no soil set {str(name_or_path)!r}: use one of {', '.join(shipped_soils())} or the path of a .toml file") from None
     except tomllib.TOMLDecodeError as error:
         raise SoilError(f"{path.name} is no TOML file: {error}") from None
-    for key in tables.keys() - SOIL.fields.keys() - {"title"}:
+    for key in tables.keys() - SOIL.fields.keys() - {"title", "fit"}:
         near = difflib.get_close_matches(key, SOIL.fields, 1)
         remedy = f"did you mean {near[0]}?" if near else f"remove it; a soil has {', '.join(SOIL.fields)}"
         raise SoilError(f"{path.name}: unknown key {key!r}: {remedy}")
-    return {key: _value(path.name, key, tables.get(key), field) for key, field in SOIL.fields.items()}
+    if not isinstance(tables.get("fit", {}), dict):
+        raise SoilError(f"{path.name}: fit = {tables['fit']!r} is no table: write [fit] with what the identification found, or remove it")
+    return path.name, tables
 
 
-def _value(file: str, key: str, table: object, field: Real) -> float:
+def _value(file: str, key: str, table: object, field: Real) -> float | None:
+    """A parameter's value, None if its table has none."""
     example = f'write [{key}] with value = <number>, unit = "{field.unit}", source = "<where the number is from>"'
     if not isinstance(table, dict):
-        raise SoilError(f"{file}: {key} ({field.description}) is missing: {example}")
-    for part in ("value", "unit", "source"):
+        raise SoilError(f"{file}: {key} = {table!r} is no table: {example}")
+    for part in ("unit", "source"):
         if part not in table:
             raise SoilError(f"{file}: {key} has no {part}: {example}")
+    for part in table.keys() - {"value", "unit", "source"}:
+        raise SoilError(f"{file}: {key} has an unknown part {part!r}: {example}")
+    if table["unit"] != field.unit:
+        raise SoilError(f"{file}: {key} has the unit {table['unit']!r}: convert the value to {field.unit!r}")
+    if "value" not in table:
+        return None
     value = table["value"]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise SoilError(f"{file}: {key} = {value!r} is no number: {example}")
-    if table["unit"] != field.unit:
-        raise SoilError(f"{file}: {key} has the unit {table['unit']!r}: convert the value to {field.unit!r}")
     if not field.min <= value <= field.max:
         raise SoilError(f"{file}: {key} = {value:g} {field.unit}: it must be between {field.min:g} and {field.max:g} ({field.description})")
     return float(value)
