@@ -15,6 +15,9 @@ from .rigs import start
 from .settle import Wires
 from .ssp import Connection, write_system
 
+#: Outputs that feed nothing and are shown in other tools all the same.
+_OBSERVED = ("diagnostics[", "travel", "applied_load")
+
 
 @dataclass
 class Assembly:
@@ -37,9 +40,7 @@ class Assembly:
             parameters={name: _parameters(i, starts[name]) for name, i in self.instances.items()},
             stop_time=self.stop_time,
             step_size=self.step,
-            observed=[
-                (name, s.name) for name, i in self.instances.items() for s in i.model.scalars["y"] if s.name.startswith("diagnostics[")
-            ],
+            observed=[(name, s.name) for name, i in self.instances.items() for s in i.model.scalars["y"] if s.name.startswith(_OBSERVED)],
         )
 
 

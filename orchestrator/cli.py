@@ -123,6 +123,7 @@ def run(
 @app.command(epilog=f"Example:  {_EXAMPLES['compare']}")
 def compare(
     experiment: Annotated[str, typer.Argument(metavar="EXPERIMENT", help="A shipped experiment (two_wheel), or an experiment's .toml.")],
+    soil: Soil = None,
     settings: Settings = None,
     stop_time: StopTime = None,
     out: Annotated[
@@ -136,7 +137,7 @@ def compare(
     from .terminal import follow, output, table
 
     comparison = compare_runs(
-        experiment, out, overrides=_overrides(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
+        experiment, out, soil=soil, overrides=_overrides(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
     )
     if as_json:
         print(json.dumps(comparison.facts()))

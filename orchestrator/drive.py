@@ -80,6 +80,7 @@ def simulate(
             scheme, step = scheme or settings.scheme, settings.step if step is None else step
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
+            attributes["soil"] = str(soil or "")
             status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
             experiment.write_system(package)

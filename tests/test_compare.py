@@ -171,7 +171,8 @@ def test_results_go_where_the_experiment_says(tmp_path, stage, monkeypatch):
 def test_the_command_refuses_what_cannot_be_compared():
     done = cdl("compare", "rover.ssp")
     assert done.exit_code == 2 and done.stderr.startswith("error: rover.ssp is a finished system")
-    assert "error: no experiment 'nowhere': use one of two_wheel or the path of a .toml file" in cdl("compare", "nowhere").stderr
+    text = "error: no experiment 'nowhere': use one of single_wheel, two_wheel or the path of a .toml file"
+    assert text in cdl("compare", "nowhere").stderr
 
 
 def test_lines_of_progress_name_their_run(capsys):
