@@ -13,7 +13,8 @@ from .interface import is_sent
 
 _LIMIT = 1e6  # [m]
 
-#: Speed [m/s] at which the guide's damper alone bears the load while the wheel is lowered; own choice: z = 20 mm lag by 0.1 s.
+#: Speed [m/s] at which the damper alone bears the load while the wheel is lowered. Own choice: a wheel that rests 20 mm deep then lags
+#: behind its load by less than 0.1 s.
 LOWERING_SPEED = 0.1
 
 
