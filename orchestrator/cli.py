@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from .cli_identify import identify
+from .cli_sweep import measured_in, run_sweeps
 from .refusals import Commands, say
 
 _EXAMPLES = {
@@ -20,6 +22,7 @@ _EXAMPLES = {
     "plot": "cdl plot results/two_wheel -o drive.pdf",
     "export": "cdl export two_wheel -o rover.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
+    "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
     "doctor": "cdl doctor",
 }
 
@@ -92,8 +95,10 @@ def run(
     from .terminal import follow
 
     options = dict(soil=soil, overrides=_overrides(settings), scheme=scheme, step=step, stop_time=stop_time)
-    if _sweeps(source, out, options, tiers, measured, as_json, whole=checkpoint_every is None and resume is None):
-        return
+    if Path(source).suffix != ".ssp":
+        given = options | ({"tiers": _tiers(tiers)} if tiers else {})
+        if run_sweeps(source, out, given, measured, as_json, checkpoints=checkpoint_every is not None or resume is not None):
+            return
     if out is None and resume is not None:
         out = resume.parent
     with follow(quiet=as_json) as display:
@@ -104,7 +109,7 @@ def run(
             tiers=_tiers(tiers),
             checkpoint_every=checkpoint_every,
             resume=resume,
-            measured=_measured(measured),
+            measured=measured_in(measured),
             progress=display.progress,
             status=display.status,
         )
@@ -212,7 +217,7 @@ def plot(
     from .report import plot as draw
     from .results import FILE_NAME, open_result
 
-    tests = _measured(measured)
+    tests = measured_in(measured)
     if result.suffix == ".json" or (not (result / FILE_NAME).exists() and (result / f"{SWEEP}.json").exists()):
         from .testbed_picture import sweep_picture
 
@@ -276,6 +281,9 @@ def diff(
     raise typer.Exit(1 if found else 0)
 
 
+app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
+
+
 @app.command(epilog=f"Example:  {_EXAMPLES['doctor']}")
 def doctor() -> None:
     """Check that this machine can build and run FMUs; exit code 1 if not, with what to do."""
@@ -327,51 +335,6 @@ def _assignment(text: str, option: str, example: str) -> tuple[str, str]:
     if not (key and equals):
         raise typer.BadParameter(f"{text!r}: write KEY=VALUE, e.g. {example}", param_hint=option)
     return key.strip(), value
-
-
-def _measured(path: Path | None):
-    from .measured import read_measured
-
-    return None if path is None else read_measured(path)
-
-
-def _sweeps(source: str, out: Path | None, options: dict, tiers: str | None, measured: Path | None, as_json: bool, whole: bool) -> bool:
-    """Run a sweep if a key of a testbed is given a list; false if none is."""
-    if Path(source).suffix == ".ssp":
-        return False
-    from .experiment import swept_keys
-
-    given = {"tiers": _tiers(tiers)} if tiers else {}
-    keys = swept_keys(source, soil=options["soil"], overrides=options["overrides"], **given)
-    if not keys:
-        return False
-    if not whole:
-        raise typer.BadParameter(f"{', '.join(keys)}: a sweep has no checkpoints; run one point", param_hint="--checkpoint-every, --resume")
-    from .single_wheel import run_sweep
-    from .summaries import print_sweep
-
-    tests = _measured(measured)
-
-    def finished(point: str, done: int, points: int) -> None:
-        if not as_json:
-            say(f"{done} of {points}: {point}")
-
-    sweep = run_sweep(keys, source, out, **options, **given, finished=finished)
-    sweep.draw(tests)
-    if as_json:
-        print(json.dumps(sweep.facts()))
-    else:
-        print_sweep(sweep)
-    for warning in sweep.warnings:
-        say(f"warning: {warning}")
-    for failure in sweep.failures():
-        say(f"error: {failure}")
-    if sweep.interrupted:
-        say(f"interrupted; the points so far are in {sweep.out}")
-        raise typer.Exit(130)
-    if sweep.failed:
-        raise typer.Exit(2)
-    return True
 
 
 def _build_folder() -> Path:

@@ -12,6 +12,7 @@ _REFUSALS = {
     "cdl_fmu.slave.kernel": "CacheError",
     "cdl_fmu.slave.model": "ModelError",
     "cdl_fmu.soil": "SoilError",
+    "cdl_fmu.soil.measurements": "IdentifyError",
     "orchestrator.experiment": "ExperimentError",
     "orchestrator.fmu": "SlaveError",
     "orchestrator.measured": "MeasuredError",

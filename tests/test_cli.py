@@ -81,7 +81,7 @@ def write_result(path, values, name="a.f[1]"):
 
 def test_help_shows_every_command_with_an_example():
     text = cdl("--help").stdout
-    for name in ("run", "build", "info", "plot", "export", "diff", "doctor"):
+    for name in ("run", "build", "info", "plot", "export", "diff", "identify", "doctor"):
         assert re.search(rf"^ cdl {name}\b", text, re.MULTILINE)
         assert f"cdl {name}" in cdl(name, "--help").stdout
     assert "Usage" in cdl().stdout

@@ -13,6 +13,13 @@ from ..slave.records import Real, Record
 _FOLDER = Path(__file__).parent
 _DEFAULT = tomllib.loads((_FOLDER / "mss_d.toml").read_text(encoding="utf-8"))
 
+#: How parameters are measured.
+_MEASURES = {
+    frozenset(("k_c", "k_phi", "n")): "by plate tests (cdl identify plates.csv)",
+    frozenset(("c", "phi", "K")): "by shear tests (cdl identify plates.csv --shear shear.csv)",
+    frozenset(("rho",)): "by weighing a known volume",
+}
+
 
 def _soil(name: str, unit: str, description: str, low: float, high: float) -> Real:
     return Real(_DEFAULT[name]["value"], unit, description, min=low, max=high)
@@ -80,14 +87,6 @@ def usable_widths(name_or_path: str | Path) -> tuple[float, float] | None:
         case [int() | float() as low, int() | float() as high]:
             return float(low), float(high)
     return None
-
-
-#: How a bevameter measures the parameters.
-_MEASURES = {
-    frozenset(("k_c", "k_phi", "n")): "by plate tests (cdl identify plates.csv)",
-    frozenset(("c", "phi", "K")): "by shear tests (cdl identify plates.csv --shear shear.csv)",
-    frozenset(("rho",)): "by weighing a known volume",
-}
 
 
 def _read(name_or_path: str | Path) -> tuple[str, dict]:
