@@ -8,6 +8,7 @@ from pathlib import Path
 from cdl_fmu.bcm import BCM
 from cdl_fmu.scm import SCM
 from cdl_fmu.slave.model import KernelModel, Model, ModelError
+from mbs.carriage import Carriage
 from mbs.driver import Driver
 from mbs.rover import Rover
 
@@ -15,9 +16,9 @@ from mbs.rover import Rover
 TIERS = {"BCM": BCM, "SCM": SCM}
 
 #: Every FMU that is shipped, one for each set of sizes.
-SHIPPED = [BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), SCM(1), SCM(2), SCM(1, 1), Rover(2), Driver(2)]
+SHIPPED = [BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), SCM(1), SCM(2), SCM(1, 1), Rover(2), Driver(2), Carriage(1)]
 
-_FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver}
+_FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
 _SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies"}
 
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.

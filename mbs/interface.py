@@ -1,7 +1,8 @@
-"""Records between rover, driver and drives: what is commanded and what the joints report."""
+"""Records between rover, driver and drives: what is commanded and what the joints report; and what every mover asks of a contact."""
 
 from __future__ import annotations
 
+from cdl_fmu.slave.kernel import kernel
 from cdl_fmu.slave.records import Real, Record
 
 
@@ -24,3 +25,13 @@ def joints(n: int) -> Record:
             wheel_rate=Real(0.0, "rad/s", "Rate of each wheel about its axle, relative to the rover's body", (n,)),
         )
     )
+
+
+@kernel
+def is_sent(T):
+    """True if a contact's anchor, of which this is the rotation, was sent."""
+    for k in range(3):
+        for j in range(3):
+            if T[k, j] != 0.0:
+                return True
+    return False

@@ -16,7 +16,7 @@ from cdl_fmu.slave.kernel import compiled, kernel
 from cdl_fmu.slave.model import Event, Instance, Model, ModelError
 from cdl_fmu.slave.records import Array, Choice, Real, Record
 
-from .interface import commands, joints
+from .interface import commands, is_sent, joints
 from .rover_mjcf import STEERED, two_wheel
 
 _LIMIT = 1e6  # [m], [rad], [m/s], [rad/s]: a state beyond it is no rover's
@@ -253,18 +253,9 @@ def _command(h, mass, U, Y, lifted, bodies, steers, gear, biasprm, xfrc, ctrl):
             external[k] = wheel.f_0[k]
             external[3 + k] = wheel.t_0[k]
         if contact.in_contact > 0.5:
-            anchored = _is_sent(contact.anchor.T)
+            anchored = is_sent(contact.anchor.T)
             for k in range(3):
                 _command_axis(h[0], mass, contact, pose, anchored, k, gear[3 * i + k], biasprm[3 * i + k], external)
-
-
-@kernel
-def _is_sent(T):
-    for k in range(3):
-        for j in range(3):
-            if T[k, j] != 0.0:
-                return True
-    return False
 
 
 @kernel

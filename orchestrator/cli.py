@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from typer.core import TyperGroup
 
 from .cli_identify import identify
+from .cli_sweep import measured_in, run_sweeps
+from .refusals import Commands, say
 
 _EXAMPLES = {
     "run": "cdl run two_wheel --tiers BCM,BCM --stop-time 2 --set soil.phi=0.6",
+    "sweep": 'cdl run single_wheel --set "slip=[0,0.2,0.4]" --set tier=BCM --soil lunar_nominal',
     "compare": "cdl compare two_wheel --out results/compare",
     "build": "cdl build cdl_scm_w4b1 --file body[1].mesh=rock.stl --out my_fmus",
     "info": "cdl info cdl_bcm_w2",
@@ -24,44 +26,8 @@ _EXAMPLES = {
     "doctor": "cdl doctor",
 }
 
-# What users can cause and mend, by module: the message says how, so a traceback would only hide it.
-_REFUSALS = {
-    "cdl_fmu.slave.kernel": "CacheError",
-    "cdl_fmu.slave.model": "ModelError",
-    "cdl_fmu.soil": "SoilError",
-    "cdl_fmu.soil.measurements": "IdentifyError",
-    "orchestrator.experiment": "ExperimentError",
-    "orchestrator.fmu": "SlaveError",
-    "orchestrator.results": "ResultError",
-    "orchestrator.run": "RunError",
-    "orchestrator.ssp": "SspError",
-}
-
-
-def _is_refusal(error: Exception) -> bool:
-    # A class whose module was never imported cannot have been raised.
-    known = tuple(getattr(sys.modules[module], name) for module, name in _REFUSALS.items() if module in sys.modules)
-    return isinstance(error, known) or (isinstance(error, OSError) and error.filename is not None)
-
-
-class _Commands(TyperGroup):
-    """Ends a refused command with its message alone; bugs keep their traceback."""
-
-    def invoke(self, ctx):
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            _say("interrupted")
-            raise typer.Exit(130) from None
-        except Exception as error:
-            if not _is_refusal(error):
-                raise
-            _say(f"error: {error.filename}: {error.strerror}" if isinstance(error, OSError) else f"error: {error}")
-            raise typer.Exit(2) from None
-
-
 app = typer.Typer(
-    cls=_Commands,
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -74,7 +40,11 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A value in place of the experiment's, e.g. soil.phi=0.6; may be repeated."),
 ]
+Soil = Annotated[str | None, typer.Option(metavar="SET|FILE", help="Soil set, by name or .toml file, in place of the experiment's.")]
 StopTime = Annotated[float | None, typer.Option(metavar="S", help="End of the run, in s.")]
+MeasuredTable = Annotated[
+    Path | None, typer.Option("--measured", metavar="CSV", help="Tests to lay over a testbed's picture: slip, beta_deg, Fx_N, Fy_N, ...")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")]
 Scheme = Literal["ij", "gs-mid", "gs", "jacobi", "aitken"]
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="result.nc, or the folder of a run.")]
@@ -95,12 +65,14 @@ def main(
     """Contact Dynamics Library: wheel-ground contact for planetary rovers as co-simulation FMUs."""
 
 
-@app.command(epilog=f"Example:  {_EXAMPLES['run']}")
+@app.command(epilog=f"Examples:  {_EXAMPLES['run']}\n\n{_EXAMPLES['sweep']}")
 def run(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help="A shipped experiment (two_wheel), an experiment's .toml, or an .ssp package.")
+        str,
+        typer.Argument(metavar="SOURCE", help="A shipped experiment (two_wheel, single_wheel), an experiment's .toml, or an .ssp package."),
     ],
     tiers: Tiers = None,
+    soil: Soil = None,
     settings: Settings = None,
     stop_time: StopTime = None,
     step: Annotated[float | None, typer.Option(metavar="S", help="Communication step, in s.")] = None,
@@ -110,26 +82,34 @@ def run(
     ] = None,
     checkpoint_every: Annotated[float | None, typer.Option(metavar="S", help="Simulated time between checkpoints, in s.")] = None,
     resume: Annotated[Path | None, typer.Option(metavar="CHECKPOINT", help="Go on from a checkpoint, with the options of its run.")] = None,
+    measured: MeasuredTable = None,
     as_json: Json = False,
 ) -> None:
-    """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder."""
+    """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder.
+
+    On a single-wheel testbed a list of values sweeps its key, e.g. --set "slip=[0,0.2,0.4]".
+    """
     _require_platform()
     from .drive import facts_of, simulate
+    from .summaries import print_run
     from .terminal import follow
 
+    options = dict(soil=soil, overrides=_overrides(settings), scheme=scheme, step=step, stop_time=stop_time)
+    if Path(source).suffix != ".ssp":
+        given = options | ({"tiers": _tiers(tiers)} if tiers else {})
+        if run_sweeps(source, out, given, measured, as_json, checkpoints=checkpoint_every is not None or resume is not None):
+            return
     if out is None and resume is not None:
         out = resume.parent
     with follow(quiet=as_json) as display:
         outcome = simulate(
             source,
             out,
+            **options,
             tiers=_tiers(tiers),
-            overrides=_overrides(settings),
-            scheme=scheme,
-            step=step,
-            stop_time=stop_time,
             checkpoint_every=checkpoint_every,
             resume=resume,
+            measured=measured_in(measured),
             progress=display.progress,
             status=display.status,
         )
@@ -137,17 +117,18 @@ def run(
     if as_json:
         print(json.dumps(facts))
     else:
-        _summarise(outcome, facts["wheels"], resumed=resume is not None)
+        print_run(outcome, facts, resumed=resume is not None)
     for warning in outcome.warnings:
-        _say(f"warning: {warning}")
+        say(f"warning: {warning}")
     if outcome.status == "interrupted":
-        _say(f"interrupted at t = {outcome.simulated_s:g} s; all steps so far are in {outcome.result}")
+        say(f"interrupted at t = {outcome.simulated_s:g} s; all steps so far are in {outcome.result}")
         raise typer.Exit(130)
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['compare']}")
 def compare(
     experiment: Annotated[str, typer.Argument(metavar="EXPERIMENT", help="A shipped experiment (two_wheel), or an experiment's .toml.")],
+    soil: Soil = None,
     settings: Settings = None,
     stop_time: StopTime = None,
     out: Annotated[
@@ -161,7 +142,7 @@ def compare(
     from .terminal import follow, output, table
 
     comparison = compare_runs(
-        experiment, out, overrides=_overrides(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
+        experiment, out, soil=soil, overrides=_overrides(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
     )
     if as_json:
         print(json.dumps(comparison.facts()))
@@ -176,7 +157,7 @@ def compare(
         print(*(comparison.out / name for name in ("comparison.json", "comparison.md")), *comparison.pictures, sep="\n")
     for run, outcome in comparison.outcomes.items():
         for warning in outcome.warnings:
-            _say(f"warning: {run}: {warning}")
+            say(f"warning: {run}: {warning}")
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['build']}")
@@ -229,13 +210,23 @@ def plot(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Picture to write, .png, .pdf or .svg. Default: beside the result.")
     ] = None,
+    measured: MeasuredTable = None,
 ) -> None:
-    """Draw a result: forces and sinkage of the wheels, and their paths."""
+    """Draw a result: forces and sinkage of the wheels, and their paths; or a sweep (sweep.json, or its folder)."""
+    from .measurement import SWEEP, open_sweep
     from .report import plot as draw
-    from .results import open_result
+    from .results import FILE_NAME, open_result
 
-    figure = draw(open_result(result))
-    out = _prepared(out or _beside(result, ".png"))
+    tests = measured_in(measured)
+    if result.suffix == ".json" or (not (result / FILE_NAME).exists() and (result / f"{SWEEP}.json").exists()):
+        from .testbed_picture import sweep_picture
+
+        sweep = open_sweep(result)
+        figure = sweep_picture(sweep["swept"], sweep["runs"], tests)
+        out = _prepared(out or (result / SWEEP if result.is_dir() else result).with_suffix(".png"))
+    else:
+        figure = draw(open_result(result), tests)
+        out = _prepared(out or _beside(result, ".png"))
     if out.suffix[1:] not in figure.canvas.get_supported_filetypes():
         raise typer.BadParameter(f"{out}: choose a name that ends in .png, .pdf or .svg", param_hint="--out")
     figure.savefig(out)
@@ -251,6 +242,7 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write a result as CSV, as FMPy does.")] = False,
     mat: Annotated[bool, typer.Option("--mat", help="Write a result as MAT trajectories for Modelica tools.")] = False,
     tiers: Tiers = None,
+    soil: Soil = None,
     settings: Settings = None,
 ) -> None:
     """Write an experiment as an SSP package for other tools, or a result as CSV or MAT."""
@@ -267,7 +259,7 @@ def export(
     else:
         from .experiment import load_experiment
 
-        experiment = load_experiment(source, tiers=_tiers(tiers), overrides=_overrides(settings))
+        experiment = load_experiment(source, tiers=_tiers(tiers), soil=soil, overrides=_overrides(settings))
         out = _prepared(out or Path(f"{experiment.name}.ssp"))
         experiment.write_system(out)
     print(out)
@@ -309,13 +301,9 @@ def doctor() -> None:
     raise typer.Exit(1 if failed else 0)
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)
-
-
 def _require_platform() -> None:
     if sys.platform not in ("linux", "win32"):
-        _say(
+        say(
             f"error: FMUs run on Linux and Windows, not on {sys.platform}: use one of them or a container; "
             "results can be plotted, compared and exported here, and the models called from Python"
         )
@@ -347,28 +335,6 @@ def _assignment(text: str, option: str, example: str) -> tuple[str, str]:
     if not (key and equals):
         raise typer.BadParameter(f"{text!r}: write KEY=VALUE, e.g. {example}", param_hint=option)
     return key.strip(), value
-
-
-def _summarise(outcome, wheels: list[dict], resumed: bool) -> None:
-    from .terminal import output, table
-
-    end = outcome.simulated_s
-    # A resumed run has simulated less than that in its wall time.
-    speed = "" if resumed else f" ({end / max(outcome.wall_s, 1e-9):.3g} x real time)"
-    done = "resumed, up to" if resumed else "simulated"
-    print(f"{done} {end:g} s in {outcome.wall_s:.3g} s{speed}, scheme {outcome.scheme}, step {outcome.step_s * 1e3:g} ms")
-    if wheels:
-        numbers = {"sinkage [mm]": ("sinkage_m", 1e3), "z [mm]": ("z_m", 1e3)}
-        numbers |= {f"{name} [N]": (f"{name.lower()}_N", 1.0) for name in ("F_long", "F_lat", "F_n")}
-        rows = table(
-            "wheel", "tier", *numbers, right=numbers, caption=f"means over the last {min(0.5, end):g} s; forces in the heading frame"
-        )
-        for wheel in wheels:
-            rows.add_row(wheel["name"], wheel["tier"], *(f"{wheel[key] * factor:z.2f}" for key, factor in numbers.values()))
-        output().print(rows)
-    for name in ("result.nc", "result.png", "system.ssp"):
-        if (path := outcome.result.with_name(name)).exists():
-            print(path)
 
 
 def _build_folder() -> Path:

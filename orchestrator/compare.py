@@ -137,6 +137,7 @@ def compare(
     experiment: str | Path = "two_wheel",
     out: str | Path | None = None,
     *,
+    soil: str | Path | None = None,
     overrides: Mapping[str, object] | None = None,
     stop_time: float | None = None,
     watch: Callable[[str], AbstractContextManager[Display]] = lambda run: nullcontext(Display()),
@@ -147,6 +148,7 @@ def compare(
         experiment: Name of a shipped experiment or path of an experiment's .toml, with the manoeuvre of ``two_wheel``.
         out: Folder for ``BxB``, ``SxB``, ``SxS`` (as :func:`orchestrator.simulate` leaves them), ``comparison.json``,
             ``comparison.md`` and the pictures; ``results/compare_<name>`` by default.
+        soil: Name of a soil set or path of its .toml, for all runs.
         overrides: ``{"soil.phi": 0.6}``, for all runs.
         stop_time: End [s]; the experiment's own by default. Claims on what lies behind it are not reached.
         watch: Called with each run's name; a context that receives what :func:`orchestrator.simulate` reports.
@@ -171,6 +173,7 @@ def compare(
                 experiment,
                 out / run,
                 tiers=tiers,
+                soil=soil,
                 overrides=overrides,
                 stop_time=stop_time,
                 progress=display.progress,

@@ -8,12 +8,14 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from .report import plot, summary
+from .measured import Measured
+from .measurement import measure_result
+from .report import is_testbed, plot, summary
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
 from .soil_map import soil_of
 from .ssp import UNPACKED, read_system
-from .wheels import dimensions_of, ground_of, wheels_of
+from .wheels import carriage_of, dimensions_of, ground_of, wheels_of
 
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
@@ -23,12 +25,15 @@ def simulate(
     out: str | Path | None = None,
     *,
     tiers: Sequence[str] | None = None,
+    soil: str | Path | None = None,
     overrides: Mapping[str, object] | None = None,
     scheme: str | None = None,
     step: float | None = None,
     stop_time: float | None = None,
     checkpoint_every: float | None = None,
     resume: str | Path | None = None,
+    measured: Measured | None = None,
+    picture: bool = True,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     status: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
@@ -38,12 +43,15 @@ def simulate(
         source: Name of a shipped experiment, path of an experiment's .toml, or of an .ssp package.
         out: Folder; ``results/<name>`` by default.
         tiers: Tier of each wheel, front first; experiments only.
+        soil: Name of a soil set or path of its .toml; experiments only.
         overrides: ``{"soil.phi": 0.6}``; experiments only.
         scheme: Coupling scheme; the experiment's own or ``ij`` by default.
         step: Communication step [s]; the source's own by default.
         stop_time: End [s]; the source's own by default.
         checkpoint_every: Simulated time between checkpoints [s].
         resume: Checkpoint to go on from.
+        measured: Tests that are laid over the picture of a single-wheel testbed.
+        picture: Whether to draw ``result.png``, which takes a second.
         progress: Called now and then with the time reached and the stop time [s].
         status: Called with what is being done before the run.
 
@@ -58,19 +66,22 @@ def simulate(
     # Not yet in ``out``: a run that is refused leaves the folder of an earlier one as it is.
     with TemporaryDirectory() as folder:
         if source.suffix == ".ssp":
-            if tiers or overrides:
-                raise RunError(f"--tiers and --set change an experiment; {source.name} is a finished system: export it anew with them")
+            if tiers or soil or overrides:
+                raise RunError(
+                    f"--tiers, --soil and --set change an experiment; {source.name} is a finished system: export it anew with them"
+                )
             package = source
         else:
             status("loading models")
             from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
 
-            experiment = load_experiment(source, tiers=tiers, overrides=overrides)
+            experiment = load_experiment(source, tiers=tiers, soil=soil, overrides=overrides)
             settings, warnings = experiment.settings, experiment.warnings
             scheme, step = scheme or settings.scheme, settings.step if step is None else step
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
-            status("settling the rover and building the FMUs; the first time, kernels are compiled")
+            attributes["soil"] = str(soil or "")
+            status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
             experiment.write_system(package)
             if stop_time is None:
@@ -78,6 +89,7 @@ def simulate(
         status("loading the FMUs")
         system = read_system(package, UNPACKED)
         attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system), "dimensions": dimensions_of(system)}
+        attributes["carriage"] = carriage_of(system)
         outcome = run(
             system,
             out,
@@ -94,15 +106,20 @@ def simulate(
         )
     outcome.warnings[:0] = warnings
     try:
-        plot(open_result(outcome.result)).savefig(out / "result.png")
+        if picture:
+            plot(open_result(outcome.result), measured).savefig(out / "result.png")
     except ResultError as error:  # a foreign system has no wheels to draw
         outcome.warnings.append(f"no picture: {error}")
     return outcome
 
 
 def facts_of(outcome: Outcome) -> dict[str, object]:
-    """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units, ``wheels`` as :func:`.report.summary` has them."""
+    """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units.
+
+    ``wheels`` is as :func:`.report.summary` has them; a testbed has what :meth:`.measurement.Measurement.facts` says instead.
+    """
     result = open_result(outcome.result)
-    wheels = summary(result) if json.loads(result.attrs["wheels"]) else []
-    facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")}
-    return {**facts, "result": str(outcome.result), "wheels": wheels}
+    facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")} | {"result": str(outcome.result)}
+    if is_testbed(result):
+        return facts | measure_result(result).facts()
+    return facts | {"wheels": summary(result) if json.loads(result.attrs["wheels"]) else []}

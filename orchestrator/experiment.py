@@ -12,15 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from cdl_fmu.slave.interface import ENVIRONMENT
-from cdl_fmu.slave.model import Instance, ModelError, describe_violation, parse_value
+from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil, usable_widths
 from cdl_fmu.wheel import WHEEL
 from fmus import EXPERIMENTS, TIERS, contacts
-from mbs.driver import Driver
-from mbs.rover import Rover
 
-from .assemble import WHEELS, assemble
+from .assemble import assemble
+from .rigs import TESTBED, Rig, rig_of
 from .schemes import SCHEMES
 
 #: The [run] section.
@@ -38,25 +37,62 @@ class ExperimentError(ValueError):
 
 @dataclass(frozen=True)
 class Settings:
-    """The [run] section: times in s, the scheme by name."""
+    """The [run] section: times in s, the scheme by name; no stop time where nothing ends the run."""
 
-    stop_time: float
+    stop_time: float | None
     step: float
     record_interval: float
     scheme: str
 
 
-def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, overrides: Mapping[str, object] | None = None) -> Experiment:
+def load_experiment(
+    source: str | Path,
+    *,
+    tiers: Sequence[str] | None = None,
+    soil: str | Path | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> Experiment:
     """Read an experiment: the name of a shipped one or the path of a TOML file.
 
     Args:
         source: Name or path.
         tiers: Tier of each wheel, front first, in place of the file's.
-        overrides: ``{"soil.phi": 0.6}``; values in place of the file's.
+        soil: Name of a soil set or path of its TOML file, in place of the file's [soil] section.
+        overrides: ``{"soil.phi": 0.6}``; values in place of the file's and of the soil's.
 
     Raises:
         ExperimentError: the file or a value is wrong.
     """
+    return Experiment(*_read(source, tiers, soil, overrides or {}))
+
+
+def swept_keys(
+    source: str | Path,
+    *,
+    tiers: Sequence[str] | None = None,
+    soil: str | Path | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> dict[str, list]:
+    """Keys of a testbed's experiment that have one value and are given a list: those of ``overrides`` first, as given, then the file's.
+
+    Arguments are those of :func:`load_experiment`. No other experiment is swept.
+
+    Raises:
+        ExperimentError: the file is wrong, or a list is empty or has a value twice.
+    """
+    *_, tables, options, rig = _read(source, tiers, soil, overrides or {})
+    if rig is not TESTBED:
+        return {}
+    lists = {key: value for key, value in _flat(tables) if isinstance(value, list) and _takes_one(key, rig)}
+    for key, values in lists.items():
+        if not values or any(value in values[:i] for i, value in enumerate(values)):
+            what = "a value is given twice" if values else "there is no value"
+            raise ExperimentError(f"{options.get(key, Path(source).name)}: {key} = {values!r}: {what}; a sweep needs each value once")
+    return {key: lists[key] for key in [*(key for key in overrides or {} if key in lists), *lists]}
+
+
+def _read(source: str | Path, tiers: Sequence[str] | None, soil: str | Path | None, overrides: Mapping[str, object]) -> tuple:
+    """File, its text, its tables with the options' values in place, key -> the command line's option that gave it, kind of experiment."""
     path = EXPERIMENTS.get(str(source), Path(source))
     if not path.is_file():
         raise ExperimentError(f"no experiment {str(source)!r}: use one of {', '.join(EXPERIMENTS)} or the path of a .toml file")
@@ -67,22 +103,32 @@ def load_experiment(source: str | Path, *, tiers: Sequence[str] | None = None, o
         raise ExperimentError(f"{path.name} is no text in UTF-8 ({error}): give an experiment's .toml file") from None
     except tomllib.TOMLDecodeError as error:
         raise ExperimentError(f"{path.name}: {error}") from None
+    rig = rig_of(tables)
     options = {}  # key -> the command line's option that gave it
-    if tiers is not None:
-        if len(tiers) != len(WHEELS):
-            raise ExperimentError(f"--tiers {','.join(tiers)}: give {len(WHEELS)} tiers, {','.join(WHEELS).upper()}")
-        tables["tiers"] = dict(zip(WHEELS, tiers))
-        options |= {f"tiers.{wheel}": f"--tiers {','.join(tiers)}" for wheel in WHEELS}
-    for key, value in (overrides or {}).items():
+
+    def put(key: str, value: object, option: str) -> None:
         *sections, last = key.split(".")
         table = tables
         for section in sections:
             table = table.setdefault(section, {})
             if not isinstance(table, dict):
-                raise ExperimentError(f"--set {key}: {section} is a value, not a section")
+                raise ExperimentError(f"{option}: {section} is a value, not a section")
         table[last] = value
-        options[key] = f"--set {key}"
-    return Experiment(path, text, tables, options)
+        options[key] = option
+
+    if tiers is not None:
+        option = f"--tiers {','.join(tiers)}"
+        if len(tiers) != len(rig.tiers):
+            number = "1 tier" if len(rig.tiers) == 1 else f"{len(rig.tiers)} tiers"
+            raise ExperimentError(f"{option}: give {number}, {','.join(rig.tiers).upper()}")
+        for key, tier in zip(rig.tiers.values(), tiers):
+            put(key, tier, option)
+    if soil is not None:
+        tables["soil"] = {}
+        put("soil.set", str(soil), f"--soil {soil}")
+    for key, value in overrides.items():
+        put(key, value, f"--set {key}")
+    return path, text, tables, options, rig
 
 
 class Experiment:
@@ -91,37 +137,40 @@ class Experiment:
     Attributes:
         name, title, text: File name without ending, title, and the file as written.
         settings: The [run] section.
+        rig: What moves its wheels.
         tiers: Wheel -> tier.
     """
 
-    def __init__(self, path: Path, text: str, tables: Mapping, options: Mapping[str, str]):
+    def __init__(self, path: Path, text: str, tables: Mapping, options: Mapping[str, str], rig: Rig):
         self.name, self.text = path.stem, text
-        self._file, self._folder, self._options = path.name, path.parent, options
+        self._file, self._folder, self._options, self.rig = path.name, path.parent, options, rig
+        outside = {"title", *rig.tiers.values(), *rig.keys.fields}  # of all sections
         for key, value in tables.items():
-            if key != "title" and not isinstance(value, Mapping):
+            if key not in outside and not isinstance(value, Mapping):
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
         #: part -> its model
-        self._models = {"rover": Rover(), "driver": Driver(), **{t.lower(): m for t, m in contacts(self.tiers.values()).items()}}
-        # Sections of all tiers, so that one file serves runs on any of them.
-        models = {tier.lower(): kind() for tier, kind in TIERS.items()} | self._models
-        shared = ENVIRONMENT | SOIL | WHEEL
-        self._records = {
-            "run": RUN,
-            "environment": ENVIRONMENT,
-            "soil": SOIL,
-            "wheel": WHEEL,
-            **{part: _without(model.parameters, shared) for part, model in models.items()},
-        }
-        self._refuse_unknown(tables, "", {"title", "tiers", *self._records})
+        self._models = {part: kind() for part, kind in rig.parts.items()}
+        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values()).items()}
+        models = _models(rig) | self._models
+        self._records = _sections(rig, models)
+        self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
         self._values = {
             section: self._section(section, record, models[section].files if section in models else {}, tables.get(section, {}))
             for section, record in self._records.items()
         }
-        run = {s.name: self._values["run"].get(s.name, s.start) for s in RUN.scalars()}
+        keys = self._section("", rig.keys, {}, {key: tables[key] for key in rig.keys.fields if key in tables})
+        r_w = self._values["wheel"].get("r_w", WHEEL.fields["r_w"].start)
+        try:
+            self._values[rig.mover] |= rig.mover_values(keys, r_w)
+        except ModelError as error:
+            raise ExperimentError(f"{self._place('', str(error).split(' = ')[0])}: {error}") from None
+        mover = Instance(self._models[rig.mover])
+        mover.set_starts(self._values[rig.mover])
+        run = {s.name: s.start for s in RUN.scalars()} | rig.run_values(keys, mover, r_w) | self._values["run"]
         scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
         self.settings = Settings(scheme=scheme, **run)
 
@@ -161,8 +210,8 @@ class Experiment:
 
     @property
     def start_is_given(self) -> bool:
-        """True if the user gives the rover's start height or pitch, so that it is not settled on its contacts."""
-        return not {"start.z", "start.pitch"}.isdisjoint(self._values["rover"])
+        """True if the user places the wheels, so that they are not put on the ground."""
+        return not self.rig.start.isdisjoint(self._values[self.rig.mover])
 
     def write_system(self, path: Path) -> None:
         """Write the experiment as an SSP package.
@@ -177,15 +226,19 @@ class Experiment:
     # -- checks
 
     def _tiers(self, tables: Mapping) -> dict[str, str]:
-        given = tables.get("tiers", {})
-        self._refuse_unknown(given, "tiers", set(WHEELS))
-        for wheel in WHEELS:
-            if wheel not in given:
-                raise ExperimentError(f"{self._place('tiers', '')}: wheel {wheel} has no tier; use one of {', '.join(TIERS)}")
-            if given[wheel] not in list(TIERS):
-                where = self._place("tiers", wheel)
-                raise ExperimentError(f"{where}: tier {given[wheel]!r} of wheel {wheel} is unknown; use one of {', '.join(TIERS)}")
-        return {wheel: given[wheel] for wheel in WHEELS}
+        section = next(iter(self.rig.tiers.values())).rpartition(".")[0]
+        keys = {wheel: path.rpartition(".")[2] for wheel, path in self.rig.tiers.items()}
+        given = tables.get(section, {}) if section else tables
+        if section:
+            self._refuse_unknown(given, section, set(keys.values()))
+        for wheel, key in keys.items():
+            named = f"wheel {wheel}" if len(keys) > 1 else "the wheel"
+            if key not in given:
+                raise ExperimentError(f"{self._place(section, '')}: {named} has no tier; use one of {', '.join(TIERS)}")
+            if given[key] not in list(TIERS):
+                where = self._place(section, key)
+                raise ExperimentError(f"{where}: tier {given[key]!r} of {named} is unknown; use one of {', '.join(TIERS)}")
+        return {wheel: given[key] for wheel, key in keys.items()}
 
     def _soil(self, table: dict) -> dict:
         chosen = str(table.pop("set", "mss_d"))
@@ -213,12 +266,12 @@ class Experiment:
             each = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * len(array)
             if len(each) != len(array):
                 number = f"{len(array)} values" if len(array) > 1 else "one value"
-                raise ExperimentError(f"{self._place(section, key)}: {section}.{key} needs {number}, not {len(each)}")
+                raise ExperimentError(f"{self._place(section, key)}: {_joined(section, key)} needs {number}, not {len(each)}")
             try:
                 for scalar, one in zip(array, each):
                     values[scalar.name] = self._checked(scalar, one)
             except ModelError as error:
-                raise ExperimentError(f"{self._place(section, key)}: {section}.{error}") from None
+                raise ExperimentError(f"{self._place(section, key)}: {_joined(section, str(error))}") from None
         return values
 
     def _path(self, section: str, key: str, value, description: str) -> str:
@@ -246,12 +299,11 @@ class Experiment:
             if key not in known:
                 near = difflib.get_close_matches(key, known, 1)
                 remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(sorted(known))}"
-                full = f"{section}.{key}" if section else key
-                raise ExperimentError(f"{self._place(section, key)}: {full} is unknown; {remedy}")
+                raise ExperimentError(f"{self._place(section, key)}: {_joined(section, key)} is unknown; {remedy}")
 
     def _place(self, section: str, key: str) -> str:
         """The command line's option that set a key, or its file and line; of a whole section without a key."""
-        path = ".".join(filter(None, (section, key)))
+        path = _joined(section, key)
         for given, option in self._options.items():
             if _within(given, path) or _within(path, given):
                 return option
@@ -270,6 +322,31 @@ class Experiment:
         return self._file
 
 
+def _models(rig: Rig) -> dict[str, Model]:
+    """A model of each part and of each tier, so that one file serves runs on any of them."""
+    return {name: kind() for name, kind in (*rig.parts.items(), *((tier.lower(), kind) for tier, kind in TIERS.items()))}
+
+
+def _sections(rig: Rig, models: Mapping[str, Model]) -> dict[str, Record]:
+    """Section -> what it holds."""
+    elsewhere = {*(ENVIRONMENT | SOIL | WHEEL).fields, *rig.given}
+    own = {part: Record(**{k: f for k, f in model.parameters.fields.items() if k not in elsewhere}) for part, model in models.items()}
+    return {"run": RUN, "environment": ENVIRONMENT, "soil": SOIL, "wheel": WHEEL, **own}
+
+
+def _takes_one(key: str, rig: Rig) -> bool:
+    """Whether a key has one value, not an array of them."""
+    if key in rig.keys.fields or key in rig.tiers.values() or key == "soil.set":
+        return True
+    models, (section, _, name) = _models(rig), key.partition(".")
+    record = _sections(rig, models).get(section, Record())
+    return name in {s.name for s in record.scalars()} or (section in models and name in models[section].files)
+
+
+def _joined(section: str, key: str) -> str:
+    return ".".join(filter(None, (section, key)))
+
+
 def _within(path: str, outer: str) -> bool:
     return f"{path}.".startswith(f"{outer}.")
 
@@ -280,7 +357,3 @@ def _flat(table: Mapping, prefix: str = ""):
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
-
-
-def _without(record: Record, other: Record) -> Record:
-    return Record(**{name: field for name, field in record.fields.items() if name not in other.fields})

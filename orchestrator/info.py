@@ -96,7 +96,7 @@ def _result(path: Path) -> Iterator[str | Table]:
     span = f", {times[0]:g} to {times[-1]:g} s in {_count(len(times), 'row')}" if len(times) else ", no rows"
     yield f"{facts.get('status', 'unknown')}{span}; scheme {facts.get('scheme', 'unknown')}, step {facts.get('step_s', 'unknown')} s"
     for wheel in json.loads(facts.get("wheels", "[]")):
-        place = f"{wheel['instance']}.diagnostics[{wheel['index']}], rover.wheel[{wheel['rover_index']}]"
+        place = f"{wheel['instance']}.diagnostics[{wheel['index']}], {wheel.get('mover', 'rover')}.wheel[{wheel['rover_index']}]"
         yield f"wheel {wheel['name']}: {wheel['tier']}, {place}"
     if "versions" in facts:
         yield "written with " + ", ".join(f"{name} {version}" for name, version in json.loads(facts["versions"]).items())

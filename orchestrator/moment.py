@@ -108,10 +108,9 @@ def moment_in_row(result: xr.Dataset, row: int) -> Moment:
 
 
 def _pose(wheel: Wheel, row: int) -> Pose:
-    port = f"rover.wheel[{wheel.rover_index}]"
     indices = [f"{a},{b}" for a in "123" for b in "123"]
-    r_0 = _values(wheel.result, port + ".r_0[{}]", "123", row)
-    return Pose(wheel.name, wheel.tier, r_0, _values(wheel.result, port + ".T[{}]", indices, row).reshape(3, 3))
+    r_0 = _values(wheel.result, wheel.port + ".r_0[{}]", "123", row)
+    return Pose(wheel.name, wheel.tier, r_0, _values(wheel.result, wheel.port + ".T[{}]", indices, row).reshape(3, 3))
 
 
 def _values(result: xr.Dataset, channel: str, indices: Sequence[str], row: int) -> np.ndarray:

@@ -1,23 +1,24 @@
 """Pictures and numbers of a drive, from its result file alone.
 
 A result names its wheels in the attribute ``wheels``, a JSON list of ``{"name": "front", "tier": "BCM", "instance": "bcm",
-"index": 1, "rover_index": 1}``: this wheel's contact answers in ``bcm.diagnostics[1].*`` and its pose is ``rover.wheel[1].*``.
+"index": 1, "mover": "rover", "rover_index": 1}``: this wheel's contact answers in ``bcm.diagnostics[1].*`` and its pose is
+``rover.wheel[1].*``.
 ``ground_z`` is the height of the undeformed ground [m].
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
+from .measured import Measured
+from .panels import colours, frame, legend, widen
 from .results import ResultError
 
 #: Sections of the chapter's drive (8.5.1) and the rear wheel's x [m] at which they begin.
@@ -40,6 +41,12 @@ class Wheel:
     instance: str
     index: int
     rover_index: int
+    mover: str = "rover"
+
+    @property
+    def port(self) -> str:
+        """Name that the channels of its pose begin with."""
+        return f"{self.mover}.wheel[{self.rover_index}]"
 
     def diagnostic(self, name: str) -> np.ndarray:
         """A contact diagnostic [n_times]; forces are in the heading frame (z global, x along the wheel's heading)."""
@@ -47,7 +54,7 @@ class Wheel:
 
     def centre(self, axis: str) -> np.ndarray:
         """Coordinate ``x``, ``y`` or ``z`` of the wheel's centre in world [m], z above the undeformed ground, shape [n_times]."""
-        r_0 = self.result.cdl[f"rover.wheel[{self.rover_index}].r_0[{'xyz'.index(axis) + 1}]"].values
+        r_0 = self.result.cdl[f"{self.port}.r_0[{'xyz'.index(axis) + 1}]"].values
         return r_0 - float(self.result.attrs.get("ground_z", 0.0)) if axis == "z" else r_0
 
 
@@ -63,6 +70,11 @@ def wheels_of(result: xr.Dataset) -> list[Wheel]:
     if not wheels:
         raise ResultError("the result names no wheels (attribute 'wheels'); plot its channels with `result.cdl[name].plot()`")
     return wheels
+
+
+def is_testbed(result: xr.Dataset) -> bool:
+    """Whether a result is of a single-wheel testbed: it tells in the attribute ``carriage`` what the carriage does."""
+    return bool(json.loads(result.attrs.get("carriage", "{}")))
 
 
 def summary(result: xr.Dataset, last: float = 0.5) -> list[dict[str, str | float]]:
@@ -88,9 +100,16 @@ def summary(result: xr.Dataset, last: float = 0.5) -> list[dict[str, str | float
     ]
 
 
-def plot(result: xr.Dataset) -> Figure:
-    """The picture of one run: Fig. 8.12's panels if it has a front and a rear wheel, else its wheels' diagnostics over time."""
+def plot(result: xr.Dataset, measured: Measured | None = None) -> Figure:
+    """The picture of one run: Fig. 8.12's panels if it has a front and a rear wheel, what a testbed measures, else diagnostics over time.
+
+    ``measured`` is laid over what a testbed measures.
+    """
     wheels = wheels_of(result)
+    if is_testbed(result):
+        from .testbed_picture import run_picture  # which reads wheels from here
+
+        return run_picture(result, measured)
     if {"front", "rear"} == {wheel.name for wheel in wheels}:
         return figure_8_12({", ".join(f"{wheel.name} {wheel.tier}" for wheel in wheels): result})
     return wheels_over_time(result)
@@ -133,12 +152,12 @@ def figure_8_12(runs: Mapping[str, xr.Dataset], wheels: tuple[str, str] = ("fron
     begin, end = min(x.min(), 0.0), max(x.max(), 0.05)
     for axes, (label, values, least) in zip(top, panels):
         for ax, name in zip(axes, wheels):
-            _frame(ax)
+            frame(ax)
             _sections(ax, end)
-            for colour, (_, by_name) in zip(_colours(), named):
+            for colour, (_, by_name) in zip(colours(), named):
                 ax.plot(by_name[trailing].centre("x"), values(by_name[name]), color=colour, **_LINE)
         axes[0].set_ylabel(label)
-        _widen(axes[0], least)
+        widen(axes[0], least)
     for ax, name in zip(top[0], wheels):
         _section_letters(ax, end)
         ax.set_title(f"{name} wheel", fontsize=10, pad=16)
@@ -147,7 +166,7 @@ def figure_8_12(runs: Mapping[str, xr.Dataset], wheels: tuple[str, str] = ("fron
         ax.set_xlim(begin, end)
     _trajectories(figure.add_subplot(grid[-1, :]), named, wheels)
     figure.align_ylabels()
-    _legend(figure, [label for label, _ in named])
+    legend(figure, [label for label, _ in named])
     return figure
 
 
@@ -164,22 +183,22 @@ def wheels_over_time(result: xr.Dataset) -> Figure:
     figure = Figure(figsize=(9.0, 7.0), dpi=200, layout="constrained")
     axes = figure.subplots(len(panels), sharex=True)
     for ax, (name, (label, factor)) in zip(axes, panels.items()):
-        _frame(ax)
-        for colour, wheel in zip(_colours(), wheels):
+        frame(ax)
+        for colour, wheel in zip(colours(), wheels):
             ax.plot(time, wheel.diagnostic(name) * factor, color=colour, **_LINE)
         ax.set_ylabel(label)
-        _widen(ax, 1.0)
+        widen(ax, 1.0)
     axes[-1].set_xlabel("$t$ [s]")
     axes[-1].set_xlim(time[0], time[-1])
     figure.align_ylabels()
-    _legend(figure, [f"{wheel.name} {wheel.tier}" for wheel in wheels])
+    legend(figure, [f"{wheel.name} {wheel.tier}" for wheel in wheels])
     return figure
 
 
 def _trajectories(ax: Axes, named: list[tuple[str, dict[str, Wheel]]], wheels: Sequence[str]) -> None:
     """Paths of the wheels' centres in world; dots where the last wheel enters a section."""
-    _frame(ax)
-    for run, (colour, (_, by_name)) in enumerate(zip(_colours(), named)):
+    frame(ax)
+    for run, (colour, (_, by_name)) in enumerate(zip(colours(), named)):
         for (style, _), name in zip(_STYLES, wheels):
             ax.plot(by_name[name].centre("x"), by_name[name].centre("y"), ls=style, color=colour, **_LINE)
         x, y = by_name[wheels[-1]].centre("x"), by_name[wheels[-1]].centre("y")
@@ -211,27 +230,3 @@ def _sections(ax: Axes, end: float) -> None:
 def _section_letters(ax: Axes, end: float) -> None:
     for letter, begin, until in _section_bounds(end):
         ax.text((begin + until) / 2, 1.02, letter, transform=ax.get_xaxis_transform(), **_LETTER)
-
-
-def _frame(ax: Axes) -> None:
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(True, lw=0.4, color="0.87")
-    ax.set_axisbelow(True)
-    ax.tick_params(labelsize=9)
-
-
-def _widen(ax: Axes, least: float) -> None:
-    """Show at least this span, so that rounding around a constant does not fill a panel."""
-    low, high = ax.get_ylim()
-    if high - low < least:
-        ax.set_ylim((low + high - least) / 2, (low + high + least) / 2)
-
-
-def _legend(figure: Figure, labels: Sequence[str]) -> None:
-    """Colours and what they stand for, above all panels."""
-    lines = [Line2D([], [], color=colour, label=label) for colour, label in zip(_colours(), labels)]
-    figure.legend(handles=lines, loc="outside upper center", ncols=min(len(lines), 4), frameon=False, fontsize=9)
-
-
-def _colours() -> Iterator[str]:
-    return cycle(("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"))  # Okabe & Ito 2008, for all eyes

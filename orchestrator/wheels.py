@@ -1,17 +1,21 @@
-"""Which wheel of the rover runs on which contact slave, and how large it is: read off a system, for reports."""
+"""Which wheel runs on which contact slave, how large it is, and what a carriage does with it: read off a system, for reports."""
 
 from __future__ import annotations
 
 import re
 
+from .slip import slip_of
 from .ssp import System
+from .ssp.system import Component
 
 _FORCE = re.compile(r"wheel\[(\d+)\]\.f_0\[1\]")
 _TIER = re.compile(r"cdl_([a-z]+)_w\d+")
+#: What a result says of a carriage, by the keys of experiments -> the carriage's parameter.
+_CARRIAGE = {"load_N": "load", "carriage_speed": "speed", "slip_angle": "slip_angle", "wheel_rate": "wheel_rate"}
 
 
 def wheels_of(system: System) -> list[dict[str, str | int]]:
-    """Wheels of a system as a result names them: name, tier, contact instance, its wheel number there and at the rover, from 1.
+    """Wheels of a system as a result names them: name, tier, contact instance, what moves it, its wheel number here and there, from 1.
 
     A rover with two wheels has a front wheel (1) and a rear wheel (2).
     """
@@ -27,21 +31,21 @@ def wheels_of(system: System) -> list[dict[str, str | int]]:
                     "tier": tier[1].upper() if tier else model,
                     "instance": connection.source_component,
                     "index": int(source[1]),
+                    "mover": connection.target_component,
                     "rover_index": int(target[1]),
                 }
             )
     found.sort(key=lambda wheel: wheel["rover_index"])
-    names = ["front", "rear"] if len(found) == 2 else [f"wheel {w['rover_index']}" for w in found]
+    some = {1: ["wheel"], 2: ["front", "rear"]}
+    names = some.get(len(found), [f"wheel {w['rover_index']}" for w in found])
     return [{"name": name, **wheel} for name, wheel in zip(names, found)]
 
 
 def ground_of(system: System) -> float:
     """Height of the undeformed ground [m] that the contacts stand on; 0 where none says."""
     for wheel in wheels_of(system):
-        component = system.components[wheel["instance"]]
-        for variable in component.model_description.modelVariables:
-            if variable.name == "ground_z":
-                return float(component.parameters.get("ground_z", variable.start))
+        if found := _parameters(system.components[wheel["instance"]], ["ground_z"]):
+            return found["ground_z"]
     return 0.0
 
 
@@ -49,7 +53,27 @@ def dimensions_of(system: System) -> dict[str, float]:
     """What pictures draw a rover by, as far as its FMUs declare it: ``r_w, b_w, h_g, mass_height`` [m] and the number ``n_g``."""
     found: dict[str, float] = {}
     for component in system.components.values():
-        for variable in component.model_description.modelVariables:
-            if variable.name in ("r_w", "b_w", "n_g", "h_g", "mass_height") and variable.name not in found:
-                found[variable.name] = float(component.parameters.get(variable.name, variable.start))
+        found = _parameters(component, ["r_w", "b_w", "n_g", "h_g", "mass_height"]) | found
     return found
+
+
+def carriage_of(system: System) -> dict[str, float]:
+    """What the carriage of a single-wheel testbed does, empty for other systems; SI units.
+
+    Returns:
+        ``load_N, carriage_speed, slip, slip_angle, wheel_rate`` as experiments have them, and ``full_speed_s``, the time from which on.
+    """
+    for wheel in wheels_of(system):
+        mover = system.components[wheel["mover"]]
+        if mover.model_description.modelName.startswith("cdl_carriage_"):
+            p = _parameters(mover, [*_CARRIAGE.values(), "lowering_time", "start_ramp"])
+            slip = slip_of(p["speed"], p["wheel_rate"], dimensions_of(system)["r_w"])
+            given = {key: p[name] for key, name in _CARRIAGE.items()}
+            return given | {"slip": round(slip, 12), "full_speed_s": p["lowering_time"] + p["start_ramp"]}  # 12: as it was asked for
+    return {}
+
+
+def _parameters(component: Component, names: list[str]) -> dict[str, float]:
+    """Values of those of these parameters that a component has."""
+    starts = {variable.name: variable.start for variable in component.model_description.modelVariables}
+    return {name: float(component.parameters.get(name, starts[name])) for name in names if name in starts}

@@ -149,7 +149,7 @@ def test_a_soil_that_bears_nothing_under_a_narrow_wheel(tmp_path):
 )
 def test_a_start_pose_in_the_ground_or_the_air(tmp_path, start, text):
     said = refusal("two_wheel", tmp_path, overrides={f"rover.start.{key}": value for key, value in start.items()})
-    assert text in said and "or leave it out to start from equilibrium" in said
+    assert text in said and "or leave it out to start on the ground" in said
 
 
 def test_a_start_pose_counts_from_the_ground(tmp_path):

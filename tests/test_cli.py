@@ -187,7 +187,7 @@ def test_ctrl_c_before_the_first_step_is_no_traceback(monkeypatch):
 @pytest.mark.parametrize(
     "arguments, text",
     [
-        (["nowhere"], "error: no experiment 'nowhere': use one of two_wheel or the path of a .toml file"),
+        (["nowhere"], "error: no experiment 'nowhere': use one of single_wheel, two_wheel or the path of a .toml file"),
         (["nowhere.ssp"], "error: nowhere.ssp: no such file; give the path of an existing package"),
         (["two_wheel", "--tiers", "BCM"], "error: --tiers BCM: give 2 tiers, FRONT,REAR"),
         (["two_wheel", "--tiers", "BCM,XYZ"], "tier 'XYZ' of wheel rear is unknown; use one of BCM"),

@@ -101,6 +101,19 @@ def test_a_drive_is_the_same_as_under_our_jacobi_scheme(name, distance, force, e
         assert of_wheels(theirs, forces) == pytest.approx(of_wheels(ours, forces), abs=force)
 
 
+@pytest.mark.parametrize("name", ["fmpy", "libcosim"])
+def test_a_testbed_measures_what_it_does_under_our_jacobi_scheme(name, client, tmp_path):
+    short = {"carriage.lowering_time": 0.2, "carriage.start_ramp": 0.1, "run.step": 1e-3, "scm.cell": 0.01, "slip_angle": 0.3}
+    load_experiment("single_wheel", overrides=short).write_system(tmp_path / "x.ssp")
+    ours, theirs = own(tmp_path / "x.ssp", tmp_path, 0.6, "jacobi"), client(name, tmp_path / "x.ssp", 0.6)
+    assert ours["carriage.travel"] == pytest.approx(0.05 * 0.35) == theirs["carriage.travel"]
+    for quantity, least in (("drawbar_pull", 1.0), ("lateral_force", -1.0), ("normal_load", 90.0), ("drive_torque", 0.5)):
+        channel = f"scm.diagnostics[1].{quantity}"
+        assert abs(ours[channel]) > abs(least) and np.sign(ours[channel]) == np.sign(least)
+        assert theirs[channel] == pytest.approx(ours[channel], abs=0.5)
+    assert theirs["scm.diagnostics[1].sinkage"] == pytest.approx(ours["scm.diagnostics[1].sinkage"], rel=0.01)
+
+
 @pytest.fixture(scope="module")
 def fmus(exported, tmp_path_factory):
     """Component -> FMU file of the exported package."""

@@ -63,7 +63,7 @@ def cdl(*arguments):
 
 def test_three_drives_that_differ_in_their_tiers(tmp_path, stage):
     compare("two_wheel", tmp_path, overrides={"soil.phi": 0.6}, stop_time=9.0)
-    options = {"overrides": {"soil.phi": 0.6}, "stop_time": 9.0}
+    options = {"soil": None, "overrides": {"soil.phi": 0.6}, "stop_time": 9.0}
     tiers = {"BxB": ("BCM", "BCM"), "SxB": ("SCM", "BCM"), "SxS": ("SCM", "SCM")}
     assert stage.asked == [("two_wheel", run, tiers[run], options) for run in ("BxB", "SxB", "SxS")]
 
@@ -151,7 +151,7 @@ def test_json_is_one_object_and_failing_claims_are_no_failure(tmp_path, stage):
     assert done.exit_code == 0 and done.stderr == "warning: SxB: it is late\n"
     assert {"runs", "time_factors", "rms", "claims"} <= set(facts)
     assert False in [claim["holds"] for claim in facts["claims"]]
-    assert stage.asked[2][3] == {"overrides": {"soil.phi": 0.6}, "stop_time": 3.0}
+    assert stage.asked[2][3] == {"soil": None, "overrides": {"soil.phi": 0.6}, "stop_time": 3.0}
 
 
 def test_tables_and_progress_of_each_run(tmp_path, stage):
@@ -171,7 +171,8 @@ def test_results_go_where_the_experiment_says(tmp_path, stage, monkeypatch):
 def test_the_command_refuses_what_cannot_be_compared():
     done = cdl("compare", "rover.ssp")
     assert done.exit_code == 2 and done.stderr.startswith("error: rover.ssp is a finished system")
-    assert "error: no experiment 'nowhere': use one of two_wheel or the path of a .toml file" in cdl("compare", "nowhere").stderr
+    text = "error: no experiment 'nowhere': use one of single_wheel, two_wheel or the path of a .toml file"
+    assert text in cdl("compare", "nowhere").stderr
 
 
 def test_lines_of_progress_name_their_run(capsys):

@@ -90,7 +90,7 @@ def some_inputs(model, rng) -> np.ndarray:
     block = starts + rng.uniform(-0.5, 0.5, starts.size)
     u = block.view(model.inputs.dtype)[0]
     fields = u.dtype.names
-    for wheel in u["wheel"] if "wheel" in fields else ():
+    for wheel in u["wheel"] if "wheel" in fields and "r_0" in u["wheel"].dtype.names else ():
         wheel["r_0"][2] = rng.uniform(0.09, 0.12)
         if "T" in wheel.dtype.names:
             pitch, camber, yaw = rng.uniform([-3, -0.2, -3], [3, 0.2, 3])

@@ -46,7 +46,7 @@ def write_system(
     *,
     parameters: Mapping[str, Mapping[str, float | int | bool | str]] | None = None,
     start_time: float = 0.0,
-    stop_time: float,
+    stop_time: float | None = None,
     step_size: float,
     observed: Iterable[tuple[str, str]] = (),
 ) -> None:
@@ -87,7 +87,9 @@ def write_system(
     if connections:
         _connections(SubElement(system, "ssd:Connections"), connections, fmus)
     _units(root, "ssd:Units", units)
-    experiment = SubElement(root, "ssd:DefaultExperiment", startTime=repr(float(start_time)), stopTime=repr(float(stop_time)))
+    experiment = SubElement(root, "ssd:DefaultExperiment", startTime=repr(float(start_time)))
+    if stop_time is not None:
+        experiment.set("stopTime", repr(float(stop_time)))
     # SSP 1.0 has no communication step; libcosim reads it, and refuses to start without, from its own annotation.
     annotation = SubElement(SubElement(experiment, "ssd:Annotations"), "ssc:Annotation", type=OSP_ANNOTATION)
     SubElement(SubElement(annotation, "osp:Algorithm"), "osp:FixedStepAlgorithm", baseStepSize=repr(float(step_size)))

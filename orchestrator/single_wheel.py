@@ -1,0 +1,228 @@
+"""Runs on the single-wheel testbed: one point, or all points of a sweep in processes side by side."""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from .drive import facts_of, simulate
+from .experiment import swept_keys
+from .measured import Measured
+from .measurement import SWEEP
+from .run import RunError
+from .testbed_picture import sweep_picture
+
+
+def measure(
+    overrides: Mapping[str, object] | None = None,
+    *,
+    experiment: str | Path = "single_wheel",
+    soil: str | Path | None = None,
+    out: str | Path | None = None,
+    **options,
+) -> dict[str, object]:
+    """Run one point on the testbed and return its measurements, for scripts that validate or fit.
+
+    Args:
+        overrides: ``{"tier": "SCM", "slip": 0.5, "wheel.n_g": 0}``; values in place of the experiment's.
+        experiment: Name of a shipped experiment with a carriage, or path of one's .toml.
+        soil: Name of a soil set or path of its .toml.
+        out: Folder for the run's files; by default they are thrown away.
+        **options: Further ones of :func:`orchestrator.simulate`, such as ``step`` and ``stop_time`` [s].
+
+    Returns:
+        ``drawbar_pull_N, lateral_force_N, torque_Nm, sinkage_m, normal_load_N``, each with ``_std``, in the wheel's heading frame,
+        torque as drive torque; ``stationary``, ``stationary_from_s`` and the drifts; the settings; as ``cdl run --json`` prints.
+
+    Raises:
+        ExperimentError, SlaveError, ResultError, RunError: see :func:`orchestrator.simulate`; each names what is wrong and the remedy.
+    """
+    with TemporaryDirectory() as folder:
+        return facts_of(simulate(experiment, out or folder, overrides=overrides, soil=soil, picture=out is not None, **options))
+
+
+@dataclass
+class Sweep:
+    """Points of a sweep so far.
+
+    Attributes:
+        out: Folder with a folder for each point, ``sweep.csv`` and ``sweep.json``.
+        keys: Swept key -> its values, the first key varying slowest.
+        rows: What was measured at each finished point, in the order of the points: its swept values and what :func:`measure` returns.
+        failed: Swept values and ``error`` of each point that failed.
+        warnings: Of the runs, each with its point.
+        interrupted: Whether points are left out because the user interrupted the sweep.
+    """
+
+    out: Path
+    keys: Mapping[str, list]
+    rows: list[dict[str, object]] = field(default_factory=list)
+    failed: list[dict[str, object]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    interrupted: bool = False
+
+    def failures(self) -> list[str]:
+        """What each failed point is and why it failed."""
+        return [f"{describe(self.keys, point)}: {point['error']}" for point in self.failed]
+
+    def facts(self) -> dict[str, object]:
+        """As ``sweep.json`` has it."""
+        return {"swept": dict(self.keys), "runs": self.rows, "failed": self.failed}
+
+    def write(self) -> None:
+        """Write ``sweep.csv`` and ``sweep.json``, so that what is finished outlasts an interrupt."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        (self.out / f"{SWEEP}.json").write_text(json.dumps(self.facts(), indent=2) + "\n", encoding="utf-8")
+        with (self.out / f"{SWEEP}.csv").open("w", encoding="utf-8", newline="") as file:
+            columns = dict.fromkeys([*self.keys, *(key for row in self.rows for key in row)])
+            table = csv.DictWriter(file, columns)
+            table.writeheader()
+            table.writerows(self.rows)
+
+    def draw(self, measured: Measured | None = None) -> None:
+        """Write ``sweep.png`` if a point is finished, with tests laid over it."""
+        if self.rows:
+            sweep_picture(self.keys, self.rows, measured).savefig(self.out / f"{SWEEP}.png")
+
+
+def sweep(
+    overrides: Mapping[str, object] | None = None,
+    *,
+    experiment: str | Path = "single_wheel",
+    soil: str | Path | None = None,
+    out: str | Path | None = None,
+    processes: int | None = None,
+    **options,
+) -> list[dict[str, object]]:
+    """Run all points of a sweep and return their measurements; in a script call it below ``if __name__ == "__main__":``.
+
+    Args:
+        overrides: ``{"slip": [-0.5, 0.0, 0.5], "tier": ["BCM", "SCM"]}``: every combination of the lists is a point.
+        experiment, soil, **options: As for :func:`measure`.
+        out: Folder; ``results/<experiment>`` by default.
+        processes: Processes side by side; one for each core by default.
+
+    Returns:
+        For each point, in order, its swept values and what :func:`measure` returns.
+
+    Raises:
+        RunError: points failed; those that did not are in ``sweep.json``.
+        ExperimentError: see :func:`orchestrator.experiment.load_experiment`.
+        KeyboardInterrupt: interrupted; what was finished is in ``sweep.json``.
+    """
+    keys = swept_keys(experiment, soil=soil, overrides=overrides)
+    done = run_sweep(keys, experiment, out, soil=soil, overrides=overrides, processes=processes, **options)
+    if done.interrupted:
+        raise KeyboardInterrupt
+    if done.failed:
+        raise RunError("\n".join(done.failures()))
+    return done.rows
+
+
+def run_sweep(
+    keys: Mapping[str, list],
+    experiment: str | Path,
+    out: str | Path | None = None,
+    *,
+    overrides: Mapping[str, object] | None = None,
+    processes: int | None = None,
+    finished: Callable[[str, int, int], None] = lambda point, done, points: None,
+    **options,
+) -> Sweep:
+    """Run all points of a sweep over ``keys``; a point that fails leaves the others alone. Arguments are those of :func:`sweep`.
+
+    ``finished`` is called with each point that is done, how many are, and how many there are.
+    """
+    out = Path("results", Path(experiment).stem) if out is None else Path(out)
+    points = [dict(zip(keys, values)) for values in product(*keys.values())]
+    names = [describe(keys, point) for point in points]
+    jobs = [(experiment, out / _folder_name(name), {**(overrides or {}), **point}, options) for name, point in zip(names, points)]
+    sweep, results = Sweep(out, keys), {}
+
+    def keep(i: int, answer: dict[str, object] | str, warnings: list[str]) -> None:
+        results[i] = answer
+        sweep.warnings += [f"{names[i]}: {text}" for text in warnings]
+        sweep.rows = [points[k] | results[k] for k in sorted(results) if isinstance(results[k], dict)]
+        sweep.failed = [points[k] | {"error": results[k]} for k in sorted(results) if isinstance(results[k], str)]
+        sweep.write()
+        finished(names[i], len(results), len(points))
+
+    n_processes = min(processes or _cores(), len(points))
+    try:
+        if n_processes == 1:
+            for i, job in enumerate(jobs):
+                keep(i, *_run_point(*job))
+        else:
+            _run_side_by_side(jobs, n_processes, keep)
+    except KeyboardInterrupt:
+        sweep.interrupted = True
+    return sweep
+
+
+def describe(keys: Mapping[str, list], point: Mapping[str, object]) -> str:
+    """Swept values of a point in words: ``slip=0.5,tier=SCM``."""
+    return ",".join(f"{key}={point[key]}" for key in keys)
+
+
+def _folder_name(name: str) -> str:
+    return re.sub(r"[^\w.,=+-]+", "_", name)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _run_point(experiment, out: Path, overrides: dict, options: dict) -> tuple[dict[str, object] | str, list[str]]:
+    """What one point measures, or why it failed; and its run's warnings."""
+    try:
+        outcome = simulate(experiment, out, overrides=overrides, **options)
+        if outcome.status == "interrupted":
+            raise KeyboardInterrupt
+        return facts_of(outcome), outcome.warnings
+    except Exception as error:  # whatever it is, the other points are not to be lost
+        return f"{error}" if type(error).__module__.startswith(("orchestrator", "cdl_fmu")) else f"{type(error).__name__}: {error}", []
+
+
+def _run_side_by_side(jobs: list[tuple], n_processes: int, keep: Callable) -> None:
+    """Run points in processes of their own: FMUs written in Python share one interpreter within a process."""
+    others = set(multiprocessing.active_children())
+    # Ctrl-C reaches all processes of a terminal: it ends those that run a point through this one.
+    context, ignore = multiprocessing.get_context("spawn"), (signal.SIGINT, signal.SIG_IGN)
+    executor = ProcessPoolExecutor(n_processes, mp_context=context, initializer=signal.signal, initargs=ignore)
+    try:
+        with _path_without_fmus():
+            futures = {executor.submit(_run_point, *job): i for i, job in enumerate(jobs)}
+        for future in as_completed(futures):
+            if error := future.exception():
+                keep(futures[future], f"its process ended: {error or type(error).__name__}", [])
+            else:
+                keep(futures[future], *future.result())
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _path_without_fmus():
+    """New processes inherit the path of modules: each FMU that this one ran has put its folder there, with a pythonfmu that builds none."""
+    before = list(sys.path)
+    sys.path[:] = [folder for folder in before if not Path(folder, "slavemodule.txt").exists()]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
