@@ -16,8 +16,8 @@ from cdl_fmu.slave.model import Instance
 R = B = 0.125
 LOAD = 27 * 9.81
 ALONG_X, ALONG_Y = (1.0, 0.0), (0.0, 1.0)
-#: A smooth wheel without damping.
-BARE = dict(n_g=0, c_d=0, tau_r=0)
+#: A smooth wheel without damping, on soil that bears what plates measured.
+BARE = dict(n_g=0, c_d=0, tau_r=0, strength="plates", k_0=2e8)
 #: Soil that is pressed and nothing else: all of it compacted, none dragged along, no landslides.
 STILL = dict(plasticity=0, transport_depth=0, erosion_sweeps=0)
 

@@ -17,7 +17,7 @@ from cdl_fmu.slave.model import Instance, ModelError
 from orchestrator.fmu import Slave, SlaveError
 
 #: No damping, and shear that needs more displacement than there is.
-BARE = dict(c_d=0, tau_r=0, K=10)
+BARE = dict(c_d=0, tau_r=0, K=10, k_0=2e8, strength="plates")
 STILL = BARE | dict(plasticity=0, transport_depth=0, erosion_sweeps=0)
 H = 2e-3
 DOWN, UP = (0.0, 0.0, -0.1), (0.0, 0.0, 0.1)
@@ -57,7 +57,7 @@ def test_the_width_can_be_given(tmp_path):
 
 def test_a_plate_that_drags_grains_along_keeps_its_friction(tmp_path):
     """Soil that loses grains to it is still sheared; soil that it meets anew is not yet, on K = 20 mm of its 200 mm."""
-    bodies = Bodies(plate(tmp_path / "plate.stl", 0.2))
+    bodies = Bodies(plate(tmp_path / "plate.stl", 0.2), strength="plates")
     bodies.place(0, 0.0, 0.0, 0.0)
     bodies.move(0.4, (0.0, 0.0, -0.05), h=H)
     wrench = bodies.move(2.0, (0.05, 0.0, -4e-4), h=H)[-500:].mean(axis=0)
@@ -111,7 +111,9 @@ def test_a_footpad_dragged_sideways_meets_friction_and_the_soil_ahead(tmp_path):
 
 def test_a_wall_bears_rankines_pressure(tmp_path):
     """A buried pad that has no floor below it, pushed against undisturbed soil."""
-    bodies = Bodies(box(tmp_path / "pad.stl", 0.2, 0.15, 0.05), c_d=0, tau_r=0, K=1e-4, plasticity=0, transport_depth=0)
+    bodies = Bodies(
+        box(tmp_path / "pad.stl", 0.2, 0.15, 0.05), c_d=0, tau_r=0, K=1e-4, k_0=2e8, strength="plates", plasticity=0, transport_depth=0
+    )
     bodies.place(0, 0.0, 0.0, 0.0)
     bodies.move(0.3, DOWN, h=H)
     bodies.move(0.01, UP, h=H)
@@ -126,7 +128,7 @@ def test_a_wall_bears_rankines_pressure(tmp_path):
 
 
 def test_a_rock_leaves_a_crater_with_a_rim_and_is_not_held_back(tmp_path):
-    bodies = Bodies(ball(tmp_path / "rock.stl", 0.05), c_d=0, tau_r=0)
+    bodies = Bodies(ball(tmp_path / "rock.stl", 0.05), c_d=0, tau_r=0, k_0=2e8)
     bodies.place(0, 0.003, -0.002, 0.05)
     pressed = bodies.move(0.3, DOWN, h=H)
     assert (np.diff(pressed[:, 2]) > -0.5).all() and pressed[-1, 2] > 50.0

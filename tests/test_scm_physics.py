@@ -57,7 +57,7 @@ def test_soil_does_not_creep_under_a_wheel_that_is_held():
 @pytest.mark.parametrize("cell", [0.01, 0.005])
 @pytest.mark.parametrize("z", [0.01, 0.02, 0.04])
 def test_compaction_resistance_is_the_work_of_pressing_the_rut(z, cell):
-    carriage = Carriage(scm(cell=cell, k_e=1e10, **FRICTIONLESS), depth=z)
+    carriage = Carriage(scm(cell=cell, **FRICTIONLESS | dict(k_0=1e10)), depth=z)
     resistance = -carriage.move(1.5, forward=0.1, rate=0.1 / R)[500:, 0].mean()
     assert resistance == pytest.approx(B * K_EQ * z ** (N + 1) / (N + 1), rel=0.025)
 

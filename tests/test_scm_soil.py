@@ -131,7 +131,7 @@ def test_shallower_soil_stays_where_it_is():
     ("degrees", "cell", "milliseconds"), [(25, 0.01, 80), (36.7, 0.01, 50), (40, 0.01, 50), (25, 0.005, 400), (36.7, 0.005, 400)]
 )
 def test_a_rut_comes_to_rest_when_its_wheel_is_lifted_off(degrees, cell, milliseconds):
-    carriage = on_soil(cell=cell, repose=math.radians(degrees))
+    carriage = on_soil(cell=cell, repose=math.radians(degrees), strength="plates", k_0=2e8)
     carriage.move(1.0, forward=0.1, sideways=0.03, rate=1.0)
     carriage.load = None
     carriage.move(0.02, up=10.0)

@@ -11,7 +11,7 @@ from .flow import heave_around, transport
 from .stress import pressure_modulus
 from .tiles import BASE, FILL, TILE, TILE_I, TILE_J, base_height, find, let_slide, nearest, tile_of
 from .tools import NEAR, inside, make_ready
-from .wheel import CELLS, F_X, ROW, T_X, A, B
+from .wheel import CELLS, F_X, ROW, T_X, A, B, dragged_layer
 
 #: Status numbers of a body; those of wheels and soil come before.
 BODY_NO_DATA, BODY_STILL_NO_DATA, BODY_OUTSIDE, BODY_THROUGH, NO_MESH = 9, 10, 11, 12, 13
@@ -99,13 +99,13 @@ def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, ro
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     h_x, h_y = wheel.T[1, 1] / level, -wheel.T[1, 0] / level
     window = window_around(p, wheel, shape)
-    dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # as without a mesh
     cloud_contact(
         p,
         wheel,
         h_x,
         h_y,
-        dragged_depth,
+        dragged_layer(p),
+        p.b_w,
         modulus,
         x.powers,
         h,
@@ -132,7 +132,8 @@ def body_contact(p, x, h, body, shape, elements, range_, rows, grid, corner, pla
         body,
         1.0,
         0.0,
-        p.transport_depth,
+        0.5 * p.transport_depth,  # grains, as below a smooth wheel
+        shape[WIDTH],
         modulus,
         x.powers,
         h,

@@ -18,10 +18,13 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from ..terramechanics import flow_value
+from ..terramechanics import flow_value, janosi_displacement
+from .erosion import repose_of
 from .features import FLANK, SURFACE
-from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
+from .rim import pushes
+from .strength import escape, log_of_push, softened, strength_of, yield_pressure
+from .stress import counted, mobilised, power, pressure, remembered, secant_share, unloading_stiffness, whole
+from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
 from .wheel import (
     ACROSS,
     ALONG,
@@ -32,6 +35,7 @@ from .wheel import (
     CLEARANCE,
     D_Z,
     DEEPEST,
+    DEPTH,
     F_X,
     F_Y,
     F_Z,
@@ -44,11 +48,20 @@ from .wheel import (
     K_X,
     K_Y,
     K_Z,
+    LENGTH,
     MEAN,
     OFF,
+    PATH,
+    PRESSURE,
+    PUSH_ACROSS,
+    PUSH_AHEAD,
+    PUSH_SPEED,
+    PUSHED_X,
+    PUSHED_Y,
     ROW,
     SIDE_ACROSS,
     SIDE_ALONG,
+    SLOPE,
     T_X,
     T_Y,
     T_Z,
@@ -57,6 +70,7 @@ from .wheel import (
     clear,
     deepest_of_table,
     floor_slope,
+    push_ahead,
 )
 
 #: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
@@ -86,7 +100,8 @@ def cloud_contact(
     tool,
     h_x,
     h_y,
-    dragged_depth,
+    layer,
+    width,
     modulus,
     table,
     h,
@@ -107,7 +122,7 @@ def cloud_contact(
     Args:
         tool: Its input record.
         h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
-        dragged_depth: Depth of the layer that it drags along [m].
+        layer: Depth of the layer that goes with it at its speed [m].
         window: Cells [i0, i1] x [j0, j1] around it.
         elements: Those of all meshes, [n, ELEMENT]; from range_[0] to range_[1] - 1 they are this tool's.
         placed, links: Memory for those near the soil, [n, PLACED], and for their chains: one entry a cell of the window, one an element.
@@ -118,14 +133,20 @@ def cloud_contact(
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
     n_placed = _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
     if n_placed == 0:
-        sums[SIDE_ALONG] = sums[SIDE_ACROSS] = 0.0
+        sums[SIDE_ALONG] = sums[SIDE_ACROSS] = sums[LENGTH] = sums[DEPTH] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
         return
     r_0 = tool.r_0
     cell, l_x, l_y = p.cell, -h_y, h_x
     N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
     damping = max(0.0, 1.0 - p.c_d * tool.v_0[2])  # Hunt & Crossley 1975, as in BCM
-    per_spacing, layer = (table.shape[1] - 1.0) / deepest_of_table(p), 0.5 * dragged_depth * h / cell
-    m_x, m_y, push = _displace(p, tool, sums, h_x, h_y, h, placed, n_placed)
+    per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
+    v_0 = tool.v_0
+    speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
+    strength = strength_of(p, repose_of(p), width, sums[LENGTH], sums[DEPTH], along)
+    forward = 1.0 if along >= 0.0 else -1.0
+    t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
+    pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
+    m_x, m_y, push = _displace(p, tool, strength.wall_modulus, sums, h_x, h_y, h, placed, n_placed)
     n = 0
     for at in range((i1 - i0 + 1) * n_j):
         start = links[at]
@@ -140,9 +161,15 @@ def cloud_contact(
         floor, sinkage = floor_depth(rows, row, a, b), rows[row, SINKAGE, a, b]
         if not kept:
             slope = floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
+        j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], pushed
+        if kept:
+            j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
+        ahead, sideways = pushes(p, forward * h_x, forward * h_y, j_x, j_y)
+        logs = log_of_push(tan_phi, ahead * tan_phi), log_of_push(tan_phi, -ahead * tan_phi), log_of_push(tan_phi, abs(sideways) * tan_phi)
+        soft = softened(strength, path)
         lowest = _lowest(steep, start, placed, links)
         for k in range(POINTS):
-            cells[n, FIRST + k] = cells[n, _PLAN + k] = 0.0
+            cells[n, FIRST + k] = cells[n, _PLAN + k] = cells[n, SLOPE + k] = 0.0
 
         on_tips, covered, off_x, off_y = _NOTHING, 0.0, 0.0, 0.0
         e = start
@@ -159,19 +186,22 @@ def cloud_contact(
                     z += (_place_of(k) * cell - along) * rise_along - across * rise_across
                     cells[n, FIRST + k] += plan * (surface - z)
                     cells[n, _PLAN + k] += plan
+                    cells[n, SLOPE + k] += plan * rise_along
                     placed[e, AT] = k
                     covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
                 else:
                     depth = surface - z
                     before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
                     if depth > before:
-                        bearing = bearing_depth(p.mound_strength, depth, fill)
-                        sigma, rise = pressure(p.k_e, p.n, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
+                        dense = modulus * power(table, per_spacing, p.n, depth)
+                        theta = forward * math.atan2(n_x * h_x + n_y * h_y, -n_z)
+                        plastic = yield_pressure(strength, dense, depth, fill, soft, escape(strength, theta, *logs))
+                        sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - before, depth, plastic)
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 share = (m_x * n_x + m_y * n_y) * push
                 if share > 0.0:
-                    f = area * _passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner)
+                    f = area * strength.wall * _passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner)
                     _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
                     sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
                     sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
@@ -186,16 +216,16 @@ def cloud_contact(
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
-                    bearing = bearing_depth(p.mound_strength, depth, fill)
-                    sigma, rise = pressure(p.k_e, p.n, depth - before, bearing, modulus * power(table, per_spacing, p.n, bearing))
-                    after = max(before, depth - sigma / p.k_e)
+                    dense = modulus * power(table, per_spacing, p.n, depth)
+                    k_u = unloading_stiffness(p, depth, dense)
+                    theta = forward * math.atan(cells[n, SLOPE + k] / plan)
+                    plastic = yield_pressure(strength, dense, depth, fill, soft, escape(strength, theta, *logs))
+                    sigma, rise = pressure(k_u, p.n, depth - before, depth, plastic)
+                    after = max(before, depth - sigma / k_u)
                     total, stiffness = total + plan * sigma, stiffness + plan * rise
                 new_floor, n_points = new_floor + after, n_points + 1
             cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
 
-        j_x, j_y = 0.0, 0.0
-        if kept:  # else it was not in contact
-            j_x, j_y = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]
         if on_tips[_TOTAL] > 0.0:
             _bear(p, tool, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
         if total <= 0.0:
@@ -221,12 +251,17 @@ def cloud_contact(
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
-        cells[n, J_X], cells[n, J_Y] = j_x, j_y
+        cells[n, J_X], cells[n, J_Y], cells[n, PATH] = j_x, j_y, path + h * math.hypot(u_x, u_y)
+        sums[PRESSURE] += whole(total)
+        sums[PUSH_SPEED] += whole(total * (u_x * t_x + u_y * t_y))
+        sums[PUSH_AHEAD] += whole(total * max(ahead, 0.0))
+        sums[PUSH_ACROSS] += whole(total * forward * sideways)
         cells[n, ALONG], cells[n, ACROSS] = along, (d_x + off_x / covered) * l_x + (d_y + off_y / covered) * l_y
-        # Soil dragged along by the surface: a layer whose speed falls linearly from the surface's to 0.
-        cells[n, FLUX_X], cells[n, FLUX_Y] = layer * share * cover * u_x, layer * share * cover * u_y
+        dragged = layer * h / cell * share * cover
+        cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * u_x, dragged * u_y
         n += 1
     sums[CELLS] = n
+    push_ahead(p, tool, h, sums)
 
 
 @kernel(inline=True)
@@ -331,11 +366,11 @@ def _velocity(v_0, w_0, x, y, z):
 
 
 @kernel
-def _displace(p, tool, sums, h_x, h_y, h, placed, n_placed):
+def _displace(p, tool, modulus, sums, h_x, h_y, h, placed, n_placed):
     """Move the steep faces on; returns the displacement that counts [m], in world axes, and the mobilised share by displacement [1/m].
 
     Own choice: one displacement for the whole tool. Where it rolls, soil is left behind and replaced by soil that was not displaced yet,
-    so it relaxes over the length of contact, here the root of the plan area near the soil. Mobilised by K as the shear below the tool.
+    so it relaxes over the length of contact, here the root of the plan area near the soil. Mobilised by ``modulus`` [m].
     """
     total, x, y, z = 0.0, 0.0, 0.0, 0.0
     for e in range(n_placed):
@@ -347,10 +382,10 @@ def _displace(p, tool, sums, h_x, h_y, h, placed, n_placed):
     rolling = math.hypot(tool.v_0[0] - u_x, tool.v_0[1] - u_y)
     kept = 1.0 / (1.0 + rolling * h / max(math.sqrt(total), p.cell))
     along, across = (sums[SIDE_ALONG] + h * (u_x * h_x + u_y * h_y)) * kept, (sums[SIDE_ACROSS] + h * (u_y * h_x - u_x * h_y)) * kept
-    along, across = remembered(p.K, along, across)
+    along, across = remembered(modulus, along, across)
     sums[SIDE_ALONG], sums[SIDE_ACROSS] = along, across
-    m_x, m_y, _, secant = mobilised(p, along * h_x - across * h_y, along * h_y + across * h_x, u_x, u_y)
-    return m_x, m_y, secant
+    m_x, m_y, moved = counted(p.tau_r, along * h_x - across * h_y, along * h_y + across * h_x, u_x, u_y)
+    return m_x, m_y, secant_share(modulus, moved, janosi_displacement(moved, modulus))
 
 
 @kernel

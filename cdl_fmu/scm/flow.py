@@ -31,7 +31,28 @@ from .tiles import (
     quantised,
     row_of,
 )
-from .wheel import ACROSS, ALONG, ALONG_MAX, ALONG_MIN, CELLS, FIRST, FLOOR, FLUX_X, FLUX_Y, PATH, PUSH, U_W, J_X, J_Y, MEAN, OFF, ROW, A, B
+from .wheel import (
+    ACROSS,
+    ALONG,
+    ALONG_MAX,
+    ALONG_MIN,
+    CELLS,
+    FIRST,
+    FLOOR,
+    FLUX_X,
+    FLUX_Y,
+    J_X,
+    J_Y,
+    MEAN,
+    OFF,
+    PATH,
+    PRESSURE,
+    PUSH_ACROSS,
+    PUSH_AHEAD,
+    ROW,
+    A,
+    B,
+)
 
 #: Outflow of a footprint by strip: volume to the right and to the left, depth of the strip; volume ahead by column.
 RIGHT, LEFT, DEPTH, AHEAD = range(4)
@@ -148,6 +169,10 @@ def _wedge(p):
 
 @kernel
 def _flow_out(p, sums, cells, half, half_length, outflow):
+    """Fill ``outflow``: soil leaves across the nearer edge, and more of it where the wheel pushes it."""
+    per_pressure = p.pushed_ahead / max(sums[PRESSURE], 1e-9)
+    ahead_share = min(1.0, p.ahead + per_pressure * sums[PUSH_AHEAD])
+    across_share = per_pressure * sums[PUSH_ACROSS]
     for k in range(outflow.shape[0]):
         for m in range(OUTFLOWS):
             outflow[k, m] = 0.0
@@ -157,8 +182,8 @@ def _flow_out(p, sums, cells, half, half_length, outflow):
             # The footprint of a cambered wheel lies partly beside its middle's.
             strip = max(math.floor((cells[n, ALONG] + half_length) / p.cell), -1) + 1
             column = math.floor(cells[n, ACROSS] / p.cell + 0.5) + outflow.shape[0] // 2
-            ahead = quantised(min(1.0, p.ahead + p.e[13] * sums[PUSH] / max(sums[U_W], 1e-9)) * displaced)
-            left = quantised((displaced - ahead) * min(max(0.5 + 0.5 * cells[n, ACROSS] / half, 0.0), 1.0))
+            ahead = quantised(ahead_share * displaced)
+            left = quantised((displaced - ahead) * min(max(0.5 + 0.5 * cells[n, ACROSS] / half + across_share, 0.0), 1.0))
             outflow[column, AHEAD] += ahead
             outflow[strip, LEFT] += left
             outflow[strip, RIGHT] += displaced - ahead - left

@@ -58,16 +58,34 @@ class SCM(KernelModel):
             pressure_model=Choice("Plastic pressure", bekker="(k_c/b + k_phi) z^n", reece="(c k_c_1 + rho g b k_phi_1) (z/b)^n"),
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
-            k_e=Real(2e8, "Pa/m", "Elastic stiffness of soil that is unloaded and loaded again", min=1e3, max=1e12),
+            rebound=Real(
+                0.07, "1", "Share of a sinkage that springs back when the load goes; used where k_0 and A_u are 0", min=1e-4, max=0.5
+            ),
+            k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
+            A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),
+            strength=Choice(
+                "Strength of soil that is sheared, pushed along or heaped up",
+                critical_state="falls from what plates measured to its critical state",
+                plates="what plates measured, everywhere",
+            ),
+            softening=Real(
+                0.7, "1", "Path of slip over which dense soil falls to its critical state, over K; 0 = it stays dense", min=0.0, max=1e3
+            ),
+            preshear=Real(0.4, "1", "Share of the passive wedge's length ahead along which pushed soil is sheared", min=0.0, max=10.0),
+            fan=Real(
+                0.6, "1", "Share of the loss of strength by a tilted base that counts: the rest escapes to the sides", min=0.0, max=1.0
+            ),
+            behind=Real(0.45, "1", "Share of the loss of strength by push that counts towards the rut behind", min=0.0, max=1.0),
+            pushed_ahead=Real(
+                0.25, "1", "Share of the outflow of pushed soil that goes the way of the push, besides ahead", min=0.0, max=1.0
+            ),
             tau_r=Real(0.1, "s", "Time by which the shear velocity adds to the shear displacement", min=0.0, max=10.0),
             c_d=Real(1.9, "s/m", "Normal damping: pressure grows by this times the wheel's sinking speed", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces", min=0.0, max=1.0),
-            e=Real(0.0, "1", "exp", (16,), -1e9, 1e9),
             plasticity=Real(0.6, "1", "Share of the plastically displaced volume that flows out; the rest is compacted", min=0.0, max=1.0),
-            ahead=Real(0.1, "1", "Share of the outflow that goes ahead of the tool", min=0.0, max=1.0),
-            mound_strength=Real(0.2, "1", "Share of a mound's height that counts as depth for the pressure", min=0.0, max=1.0),
+            ahead=Real(0.05, "1", "Share of the outflow that goes ahead of the tool", min=0.0, max=1.0),
             transport_depth=Real(
-                0.001, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0
+                0.0005, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0
             ),
             repose=Real(0.0, "rad", "Angle of repose, below 90 deg; 0 = phi, as of loose dry sand", min=0.0, max=1.55),
             erosion_interval=Real(1e-3, "s", "Simulated time between two sweeps of landslides", min=1e-6, max=10.0),
@@ -128,13 +146,18 @@ class SCM(KernelModel):
         }
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | trailing_in(n_patches) | body_pose(n_bodies)
         side = Real(0.0, "m", "Displacement of steep faces against the soil beside them, along and across", (2,))
+        contact = Record(
+            length=Real(0.0, "m", "Length of the contact along the heading"),
+            depth=Real(0.0, "m", "Depth of the contact"),
+            pushed=Real(0.0, "m", "Displacement of the soil that the wheel pushes ahead of it, in world axes", (2,)),
+        )
         self.state = Record(
             stamp=Real(0.0, "1", "Number of the step"),
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
             compacted=Real(0.0, "m", "Volume compacted so far, as height on one cell"),
             powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
-            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=Real(0.0, "m", "d", (5,)))),
-            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side)),
+            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side) | contact),
+            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side) | contact),
         )
         self.outputs = (
             wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels) | patch_in(n_patches) | body_wrench(n_bodies)

@@ -31,11 +31,34 @@ from .heights import fill_patch, height_at, is_set
 from .stress import pressure_modulus, tabulate
 from .tiles import SLIDING
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
-from .wheel import CELLS, DEEPEST, LENGTH, SIDE_ACROSS, SIDE_ALONG, deepest_of_table, wheel_contact
+from .wheel import CELLS, DEEPEST, DEPTH, LENGTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS, deepest_of_table, wheel_contact
 
 #: Status numbers beside those of wheels and bodies.
 OUTSIDE, THROUGH, FULL, PATCH_OUTSIDE = 5, 6, 7, 8
 NO_ROOM_TO_SLIDE = 14
+
+
+@kernel
+def forget(sums):
+    """A tool that is in the air remembers nothing of the soil."""
+    for k in range(SIDE_ALONG, SUMS):
+        sums[k] = 0.0
+
+
+@kernel
+def recall(memory, sums):
+    """Take what a tool remembers of its contact from the state."""
+    sums[SIDE_ALONG], sums[SIDE_ACROSS] = memory.side[0], memory.side[1]
+    sums[LENGTH], sums[DEPTH] = memory.length, memory.depth
+    sums[PUSHED_X], sums[PUSHED_Y] = memory.pushed[0], memory.pushed[1]
+
+
+@kernel
+def remember(sums, memory):
+    """Put it back."""
+    memory.side[0], memory.side[1] = sums[SIDE_ALONG], sums[SIDE_ACROSS]
+    memory.length, memory.depth = sums[LENGTH], sums[DEPTH]
+    memory.pushed[0], memory.pushed[1] = sums[PUSHED_X], sums[PUSHED_Y]
 
 
 @kernel
@@ -46,8 +69,7 @@ def _initialise(t, p, x, y, *arrays):
     tabulate(p.n, deepest_of_table(p), x.powers)
     for i in range(len(x.wheel)):
         x.wheel[i].silent = x.wheel[i].side[0] = x.wheel[i].side[1] = 0.0
-        for q in range(3):
-            x.wheel[i].side[2 + q] = 0.0
+        x.wheel[i].length = x.wheel[i].depth = x.wheel[i].pushed[0] = x.wheel[i].pushed[1] = 0.0
 
 
 @kernel
@@ -55,6 +77,7 @@ def _initialise_with_bodies(t, p, x, y, *arrays):
     _initialise(t, p, x, y, *arrays)
     for i in range(len(x.body)):
         x.body[i].silent = x.body[i].side[0] = x.body[i].side[1] = 0.0
+        x.body[i].length = x.body[i].depth = x.body[i].pushed[0] = x.body[i].pushed[1] = 0.0
 
 
 def initialise_kernel(bodies: bool):
@@ -120,14 +143,10 @@ def step_kernels(patches: bool, bodies: bool):
         rows, marks, head, ground, frame, elements, ranges, shapes = arrays[:8]
         grid, corner, cells, sums, blocks, outflow, placed, links = arrays[8:16]
         if sums[k, CELLS] < 0.0:
-            sums[k, SIDE_ALONG] = sums[k, SIDE_ACROSS] = 0.0
-            for q in range(3):
-                sums[k, LENGTH + q] = 0.0
+            forget(sums[k])
         elif k < len(u.wheel):
             wheel, modulus = u.wheel[k], pressure_modulus(p, p.b_w)
-            sums[k, SIDE_ALONG], sums[k, SIDE_ACROSS] = x.wheel[k].side[0], x.wheel[k].side[1]
-            for q in range(3):
-                sums[k, LENGTH + q] = x.wheel[k].side[2 + q]
+            recall(x.wheel[k], sums[k])
             if ranges[k, 1] > ranges[k, 0]:
                 wheel_contact_with_mesh(
                     p,
@@ -150,7 +169,7 @@ def step_kernels(patches: bool, bodies: bool):
                 wheel_contact(p, wheel, x.powers, modulus, h, x.stamp, rows, grid[k], corner[k], blocks[k], cells[k], sums[k])
         elif bodies:
             i = k - len(u.wheel)
-            sums[k, SIDE_ALONG], sums[k, SIDE_ACROSS] = x.body[i].side[0], x.body[i].side[1]
+            recall(x.body[i], sums[k])
             body_contact(
                 p,
                 x,
@@ -185,9 +204,7 @@ def step_kernels(patches: bool, bodies: bool):
         status = 0
         for i in range(len(u.wheel)):
             wheel = u.wheel[i]
-            x.wheel[i].side[0], x.wheel[i].side[1] = sums[i, SIDE_ALONG], sums[i, SIDE_ACROSS]
-            for q in range(3):
-                x.wheel[i].side[2 + q] = sums[i, LENGTH + q]
+            remember(sums[i], x.wheel[i])
             if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
                 if sums[i, CELLS] >= 0.0:
                     answer(p, wheel, sums[i], y.wheel[i], y.contact[i])
@@ -197,7 +214,7 @@ def step_kernels(patches: bool, bodies: bool):
         if bodies:
             for i in range(len(u.body)):
                 k = len(u.wheel) + i
-                x.body[i].side[0], x.body[i].side[1] = sums[k, SIDE_ALONG], sums[k, SIDE_ACROSS]
+                remember(sums[k], x.body[i])
                 if not answer_body(u.body[i], x.body[i], sums[k], y.body[i]):
                     status = BODY_NO_DATA + STATUS_SPAN * i
         return status

@@ -27,15 +27,6 @@ def pressure_modulus(p, b):
     return bekker_modulus(p.k_c, p.k_phi, b)  # Eq. (8.5)
 
 
-@kernel(inline=True)
-def bearing_depth(mound_strength, depth, fill):
-    """Depth [m] that counts for the bearing pressure: a mound above the original level carries little of what as much depth would.
-
-    Own choice: its height counts by mound_strength, 0.2 by default, as Hansen's ground slope factor at the angle of repose.
-    """
-    return depth - (1.0 - mound_strength) * min(depth, max(fill, 0.0))
-
-
 @kernel
 def tabulate(n, deepest, table):
     """Fill ``table`` [2, nodes] with depth^n and its difference per node by slope, at depths from 0 to ``deepest`` [m].
@@ -63,14 +54,21 @@ def power(table, per_spacing, n, depth):
 
 
 @kernel(inline=True)
-def pressure(k_e, n, elastic, bearing, plastic):
-    """Elastic-plastic pressure [Pa] and its slope [Pa/m] of soil pressed ``elastic`` > 0 [m] below its floor, at a bearing depth [m].
+def unloading_stiffness(p, depth, dense):
+    """Stiffness k_u [Pa/m] of soil that was pressed to a depth [m] and is unloaded or loaded again."""
+    k_u = p.k_0 + p.A_u * depth  # Wong 1980
+    return k_u if k_u > 0.0 else dense / (p.rebound * depth)
 
-    Elastic predictor k_e elastic, limited by the plastic pressure; the floor that is left lies pressure / k_e above the tool.
+
+@kernel(inline=True)
+def pressure(k_u, n, elastic, depth, plastic):
+    """Elastic-plastic pressure [Pa] and its slope [Pa/m] of soil pressed ``elastic`` > 0 [m] below its floor, at a depth [m].
+
+    Elastic predictor k_u elastic, limited by the plastic pressure; the floor that is left lies pressure / k_u above the tool.
     """
-    trial = k_e * elastic
+    trial = k_u * elastic
     yields = trial >= plastic
-    return plastic if yields else trial, n * plastic / bearing if yields else k_e
+    return plastic if yields else trial, n * plastic / depth if yields else k_u
 
 
 @kernel(inline=True)

@@ -14,20 +14,42 @@ import math
 
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
-from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
-from .rim import BLOCK, STEEPEST, attitude, damping_of, press_and_shear
-from .stress import bearing_depth, mobilised, power, pressure, remembered, whole
-from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, TILE, floor_depth, in_tile, nearest, row_of, surface_height
+from ..terramechanics import flow_value, janosi_displacement, mohr_coulomb, rankine_wall
+from .erosion import repose_of
+from .rim import BLOCK, STEEPEST, attitude, damping_of, press_and_shear, pushes
+from .strength import escape, log_of_push, softened, strength_of, yield_pressure
+from .stress import counted, mobilised, power, pressure, remembered, secant_share, unloading_stiffness, whole
+from .tiles import (
+    BASE,
+    FILL,
+    POINT,
+    POINTS,
+    SHEAR_X,
+    SHEAR_Y,
+    SINKAGE,
+    SLIP,
+    STAMP,
+    TILE,
+    floor_depth,
+    in_tile,
+    nearest,
+    row_of,
+    surface_height,
+)
 
 #: Columns of a tool's list of pressed cells.
-ROW, A, B, FLOOR, MEAN, J_X, J_Y, ALONG, ACROSS, FLUX_X, FLUX_Y, PATH, FIRST = range(13)
-COLUMNS = FIRST + POINTS
+ROW, A, B, FLOOR, MEAN, J_X, J_Y, PATH, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(13)
+SLOPE = FIRST + POINTS  # while a cell of a meshed tool is looked at
+COLUMNS = SLOPE + POINTS
 #: FLOOR of a cell that is not pressed, but covered so closely that no soil slides in: off the tool, or bare of grains that it dragged off.
 OFF, BARE = -1.0, -2.0
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,
-#: deepest floor; then the displacement of its steep faces against the soil beside them [m], which is updated.
-F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST, SIDE_ALONG, SIDE_ACROSS, LENGTH, PRE_X, PRE_Y, U_X, U_Y, U_W, PUSH = range(23)
-SUMS = 23
+#: deepest floor; pressure, and weighted with it the speed by which the tool pushes soil its way and the mobilised shares of friction that
+#: push soil ahead and across; then what is updated: the displacement of its steep faces against the soil beside them, the length of the
+#: contact, and the displacement of the soil that is pushed ahead, in world axes [m].
+F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
+PRESSURE, PUSH_SPEED, PUSH_AHEAD, PUSH_ACROSS, SIDE_ALONG, SIDE_ACROSS, LENGTH, DEPTH, PUSHED_X, PUSHED_Y = range(14, 24)
+SUMS = 24
 
 CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
 
@@ -38,7 +60,6 @@ def clear(sums):
     for k in range(SIDE_ALONG):
         sums[k] = 0.0
     sums[ALONG_MIN], sums[ALONG_MAX] = 1e9, -1e9
-    sums[U_X] = sums[U_Y] = sums[U_W] = sums[PUSH] = 0.0
 
 
 @kernel(inline=True)
@@ -114,6 +135,11 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
     r_0, r, half, cell = wheel.r_0, p.r_w, 0.5 * p.b_w, p.cell
     level, h_x, h_y, tilt = attitude(wheel)
     l_x, l_y, per_level = -h_y, h_x, 1.0 / level
+    speed = wheel.v_0[0] * h_x + wheel.v_0[1] * h_y
+    strength = strength_of(p, repose_of(p), p.b_w, sums[LENGTH], sums[DEPTH], speed)
+    sideward = wheel.v_0[0] * l_x + wheel.v_0[1] * l_y
+    # Soil beside a wheel that slides is sheared in the passive wedge of the side that pushes it, as deep as it is when it gets below.
+    wedge = p.preshear * math.sqrt(flow_value(p.phi)) * abs(sideward) / max(math.hypot(wheel.v_0[0], wheel.v_0[1]), 1e-9)
     step = cell / POINTS
     span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
     span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
@@ -140,56 +166,43 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
             block.surface[m], block.fill[m] = surface, fill
             if rows[row, STAMP, a, b] == stamp - 1.0:
                 sinkage = rows[row, SINKAGE, a, b]
-                block.j_x[m], block.j_y[m] = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]
-                block.slip[m] = rows[row, SLIP, a, b]
+                block.j_x[m], block.j_y[m], block.path[m] = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
                 for k in range(POINTS):
                     block.before[k, m] = sinkage * rows[row, POINT + k, a, b]
             else:  # it was not in contact
-                block.j_x[m], block.j_y[m] = p.e[9] * sums[PRE_X], p.e[9] * sums[PRE_Y]
-                if p.e[10] > 0.0:
-                    cosine = math.sqrt(max(1.0 - (along / r) ** 2, 0.0))
-                    block.j_x[m], block.j_y[m] = block.j_x[m] * cosine, block.j_y[m] * cosine
-                block.slip[m] = math.sqrt(sums[PRE_X]**2 + sums[PRE_Y]**2)
+                block.j_x[m], block.j_y[m] = sums[PUSHED_X], sums[PUSHED_Y]
+                block.path[m] = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
+                if across * sideward > 0.0:
+                    rim = math.sqrt(max(r * r - along * along, 0.0))
+                    entered = surface + rim - abs(along) / max(rim, 0.1 * r) * cell
+                    block.path[m] += wedge * max(entered - floor_depth(rows, row, a, b), 0.0)
                 floor, slope = floor_depth(rows, row, a, b), floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
                 for k in range(POINTS):
                     block.before[k, m] = max(floor + slope * ((k + 0.5) * step - 0.5 * cell), 0.0)
             m += 1
             if m == BLOCK:
-                n = _bear(p, wheel, m, n, table, modulus, h, rows, block, cells, sums)
+                n = _bear(p, wheel, m, n, strength, table, modulus, h, rows, block, cells, sums)
                 m = 0
-    n = _bear(p, wheel, m, n, table, modulus, h, rows, block, cells, sums)
+    n = _bear(p, wheel, m, n, strength, table, modulus, h, rows, block, cells, sums)
     sums[CELLS] = n
-    if n > 0:
-        sums[LENGTH] = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
-        wedge = p.e[1] * sums[DEEPEST] * math.tan(0.25 * math.pi + 0.5 * p.phi)
-        v = math.sqrt(wheel.v_0[0] ** 2 + wheel.v_0[1] ** 2)
-        u_x, u_y = sums[U_X] / sums[U_W], sums[U_Y] / sums[U_W]
-        if p.e[2] == 0.0:  # only the push along the way
-            push = max((u_x * wheel.v_0[0] + u_y * wheel.v_0[1]) / max(v, 1e-9), 0.0)
-            u_x, u_y = push * wheel.v_0[0] / max(v, 1e-9), push * wheel.v_0[1] / max(v, 1e-9)
-        if wedge > 0.0:
-            keep = 1.0 / (1.0 + v * h / wedge)
-            sums[PRE_X], sums[PRE_Y] = (sums[PRE_X] + u_x * h) * keep, (sums[PRE_Y] + u_y * h) * keep
-        else:
-            sums[PRE_X] = sums[PRE_Y] = 0.0
-    else:
-        sums[LENGTH] = sums[PRE_X] = sums[PRE_Y] = 0.0
+    push_ahead(p, wheel, h, sums)
     if p.n_g > 0.0 and p.h_g > 0.0:
-        _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums)
+        _grousers(p, wheel, strength, modulus, table, stamp, rows, grid, corner, sums)
     if n > 0:
-        _sides(p, wheel, h, rows, grid, corner, sums)
+        _sides(p, wheel, strength, h, rows, grid, corner, sums)
     else:
         sums[SIDE_ACROSS] = 0.0
 
 
 @kernel
-def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
+def _bear(p, wheel, n_block, n, strength, table, modulus, h, rows, block, cells, sums):
     """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
     per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
-    press_and_shear(p, wheel, n_block, modulus, table, per_spacing, h, sums[LENGTH], block)
+    press_and_shear(p, wheel, n_block, strength, modulus, table, per_spacing, h, block)
     level, r = attitude(wheel)[0], p.r_w
-    dragged_depth = p.transport_depth + (p.h_g if p.n_g > 0.0 else 0.0)  # soil between the grousers goes with them
-    layer = (0.5 * p.transport_depth + (p.e[14] * p.h_g if p.n_g > 0.0 else 0.0)) * h / p.cell
+    layer = dragged_layer(p) * h / p.cell
+    speed = math.hypot(wheel.v_0[0], wheel.v_0[1])
+    d_x, d_y = wheel.v_0[0] / max(speed, 1e-9), wheel.v_0[1] / max(speed, 1e-9)
     for m in range(n_block):
         row, a, b, along = int(block.row[m]), int(block.a[m]), int(block.b[m]), block.along[m]
         if block.total[m] <= 0.0:
@@ -215,14 +228,12 @@ def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = pressed, cover * pressed
-        cells[n, J_X], cells[n, J_Y] = block.j_x[m], block.j_y[m]
+        cells[n, J_X], cells[n, J_Y], cells[n, PATH] = block.j_x[m], block.j_y[m], block.path[m]
+        sums[PRESSURE] += whole(block.total[m])
+        sums[PUSH_SPEED] += whole(block.total[m] * (block.u_x[m] * d_x + block.u_y[m] * d_y))
+        sums[PUSH_AHEAD] += whole(block.total[m] * max(block.push_ahead[m], 0.0))
+        sums[PUSH_ACROSS] += whole(block.total[m] * block.push_across[m])
         cells[n, ALONG], cells[n, ACROSS] = along, block.across[m]
-        cells[n, PATH] = block.slip[m]
-        sums[U_X] += whole(block.total[m] * block.u_x[m])
-        sums[U_Y] += whole(block.total[m] * block.u_y[m])
-        sums[U_W] += whole(block.total[m])
-        sums[PUSH] += whole(block.total[m] * max(block.lean[m], 0.0) / math.tan(p.phi))
-        # Soil dragged along by the rim: a layer whose speed falls linearly from the rim's to 0.
         dragged = layer * block.share[m] * cover
         cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * block.u_x[m], dragged * block.u_y[m]
         for k in range(POINTS):
@@ -232,7 +243,38 @@ def _bear(p, wheel, n_block, n, table, modulus, h, rows, block, cells, sums):
 
 
 @kernel
-def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
+def dragged_layer(p):
+    """Depth [m] of the layer that goes with a wheel's rim at its speed."""
+    # Grains below the rim, whose speed falls linearly from the rim's to 0.
+    grains = 0.5 * p.transport_depth
+    if p.n_g == 0.0 or p.h_g == 0.0:
+        return grains
+    # Rankine's wedge ahead of each grouser, h_g high and h_g tan(pi/4 + phi/2) long; at most what lies between two of them.
+    wedge = 0.5 * p.h_g**2 * math.sqrt(flow_value(p.phi))
+    return grains + min(wedge * p.n_g / (2.0 * math.pi * (p.r_w + 0.5 * p.h_g)), p.h_g)
+
+
+@kernel
+def push_ahead(p, tool, h, sums):
+    """Length of the contact, and the displacement of soil that a tool pushes ahead of it, when it gets below the tool.
+
+    A wheel in skid drags a passive wedge along, as long as Rankine's at the depth of the contact. Soil is on its way through it, mean of
+    all depths, over half of that length, and is displaced meanwhile with the rim's mean speed in the direction of travel.
+    """
+    if sums[CELLS] == 0.0 or sums[PRESSURE] <= 0.0:
+        sums[LENGTH] = sums[DEPTH] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
+        return
+    sums[LENGTH], sums[DEPTH] = max(sums[ALONG_MAX] - sums[ALONG_MIN], p.cell), sums[DEEPEST]
+    v_x, v_y = tool.v_0[0], tool.v_0[1]
+    speed, push = math.hypot(v_x, v_y), max(sums[PUSH_SPEED] / sums[PRESSURE], 0.0)
+    wedge = p.preshear * sums[DEEPEST] * math.sqrt(flow_value(p.phi))
+    kept = wedge / (wedge + speed * h) if wedge > 0.0 else 0.0
+    per_speed = h / max(speed, 1e-9)
+    sums[PUSHED_X], sums[PUSHED_Y] = (sums[PUSHED_X] + push * v_x * per_speed) * kept, (sums[PUSHED_Y] + push * v_y * per_speed) * kept
+
+
+@kernel
+def _grousers(p, wheel, strength, modulus, table, stamp, rows, grid, corner, sums):
     """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
     T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
     level, h_x, h_y, tilt = attitude(wheel)
@@ -248,6 +290,7 @@ def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
     width = p.b_w / strips
     interlocked = shear_radius(p, N_phi) > p.r_w
     gamma_s = p.rho * p.gravity
+    forward = 1.0 if v_x >= 0.0 else -1.0
     for g in range(int(p.n_g)):
         theta = first + g * pitch
         cos, sin = math.cos(theta), math.sin(theta)
@@ -270,16 +313,26 @@ def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
             depth = surface - z
             if depth <= floor:
                 continue
-            bearing = bearing_depth(p.mound_strength, depth, fill)
-            sigma, rise = pressure(p.k_e, p.n, depth - floor, bearing, modulus * power(table, per_spacing, p.n, bearing))
+            j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
+            if kept:
+                j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
+            ahead, across = pushes(p, h_x * forward, h_y * forward, j_x, j_y)
+            share = escape(
+                strength,
+                forward * math.asin(max(-1.0, min(1.0, sin))),
+                log_of_push(tan_phi, ahead * tan_phi),
+                log_of_push(tan_phi, -ahead * tan_phi),
+                log_of_push(tan_phi, abs(across) * tan_phi),
+            )
+            dense, soft = modulus * power(table, per_spacing, p.n, depth), softened(strength, path)
+            plastic = yield_pressure(strength, dense, depth, fill, soft, share)
+            sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - floor, depth, plastic)
             u = v_x * cos + v_z * sin - w_y * r_tip
-            j_x, j_y = (rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b]) if kept else (0.0, 0.0)
             m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
             m_t, m_l = m_x * h_x + m_y * h_y, m_y * h_x - m_x * h_y
             area = width * p.t_g
             f_n = sigma * damping * area
-            strength = mohr_coulomb(p.c * min(damping, 1.0), sigma * damping, tan_phi) * area
-            stiffness = strength * secant
+            stiffness = mohr_coulomb(p.c * min(damping, 1.0), sigma * damping, tan_phi) * area * secant
             f_t, f_l = -stiffness * m_t, -stiffness * m_l
             add_force(sums, x, y, z, f_t * cos - f_n * sin, f_l, f_t * sin + f_n * cos * level)
             if not interlocked:  # else the soil between the grousers turns with them
@@ -289,8 +342,7 @@ def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
                 over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
                 q = 0.0
                 if p.kappa_q > 0.0 and rim > floor:
-                    bearing = bearing_depth(p.mound_strength, rim, fill)
-                    q = p.kappa_q * pressure(p.k_e, p.n, rim - floor, bearing, modulus * power(table, per_spacing, p.n, bearing))[0]
+                    q = p.kappa_q * sigma
                 passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
                 face = p.r_w + 0.5 * p.h_g
                 add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)
@@ -302,11 +354,11 @@ def _grousers(p, wheel, modulus, table, stamp, rows, grid, corner, sums):
 
 
 @kernel
-def _sides(p, wheel, h, rows, grid, corner, sums):
+def _sides(p, wheel, strength, h, rows, grid, corner, sums):
     """Passive earth pressure of the soil beside the wheel, mobilised by its displacement across.
 
     Own choice: soil beside a rolling wheel is left behind and replaced by soil that was not displaced yet, so displacement relaxes over
-    the length of contact. Mobilised by K as the shear below the rim.
+    the length of contact.
     """
     level, h_x, h_y, tilt = attitude(wheel)
     v_0, w_0 = wheel.v_0, wheel.w_0
@@ -314,24 +366,36 @@ def _sides(p, wheel, h, rows, grid, corner, sums):
     cell, gamma_s, N_phi = p.cell, p.rho * p.gravity, flow_value(p.phi)
     length = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
     u = v_y + w_x * p.r_w  # of the rim's lowest point
-    side, _ = remembered(p.K, (sums[SIDE_ACROSS] + u * h) / (1.0 + abs(v_x) * h / length), 0.0)
+    modulus = strength.wall_modulus
+    side, _ = remembered(modulus, (sums[SIDE_ACROSS] + u * h) / (1.0 + abs(v_x) * h / length), 0.0)
     sums[SIDE_ACROSS] = side
-    m, _, _, secant = mobilised(p, side, 0.0, u, 0.0)
+    m, _, moved = counted(p.tau_r, side, 0.0, u, 0.0)
+    secant = secant_share(modulus, moved, janosi_displacement(moved, modulus))
     r_0 = wheel.r_0
     edge = math.copysign(0.5 * p.b_w * level, m)  # the side that pushes
-    beside = edge + math.copysign(0.5 * cell, m)
-    first, last = math.floor(sums[ALONG_MIN] / cell + 0.5), math.floor(sums[ALONG_MAX] / cell + 0.5)
-    for k in range(first, last + 1):
+    beside = edge + math.copysign(1.5 * cell, m)  # clear of the cells that the rim covers in part
+    reach = math.floor(p.r_w / cell)
+    for k in range(-reach, reach + 1):
         x = k * cell
         if abs(x) >= STEEPEST * p.r_w:
             continue
         bottom = edge / level * tilt - math.sqrt(p.r_w**2 - x * x) * level
-        i = nearest(r_0[0] + x * h_x - beside * h_y, cell)
-        j = nearest(r_0[1] + x * h_y + beside * h_x, cell)
-        wall = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - bottom
+        wall = _surface_at(cell, rows, grid, corner, r_0[0] + x * h_x - beside * h_y, r_0[1] + x * h_y + beside * h_x) - r_0[2] - bottom
         if wall <= 0.0:
             continue
-        stiffness = rankine_wall(gamma_s, wall, 0.0, 0.0, p.c, N_phi) * secant * cell
+        stiffness = strength.wall * rankine_wall(gamma_s, wall, 0.0, 0.0, p.c, N_phi) * secant * cell
         # A pressure that grows with depth acts at a third of the height.
         add_force(sums, x, edge, bottom + wall / 3.0, 0.0, -stiffness * m, 0.0)
         sums[K_Y] += whole(stiffness)
+
+
+@kernel
+def _surface_at(cell, rows, grid, corner, x, y):
+    """Height [m] of the surface at (x, y) [m], bilinear between nodes, so that a wall does not jump from cell to cell."""
+    i, j = math.floor(x / cell), math.floor(y / cell)
+    s, q = x / cell - i, y / cell - j
+    near = surface_height(rows, row_of(grid, corner, i, j), i, j) * (1.0 - s)
+    near += surface_height(rows, row_of(grid, corner, i + 1, j), i + 1, j) * s
+    far = surface_height(rows, row_of(grid, corner, i, j + 1), i, j + 1) * (1.0 - s)
+    far += surface_height(rows, row_of(grid, corner, i + 1, j + 1), i + 1, j + 1) * s
+    return near * (1.0 - q) + far * q

@@ -1,0 +1,139 @@
+"""How much the soil below a tool bears: dense soil as plates measured it, sheared soil at its critical state, pushed aside and along.
+
+A plate presses soil straight down, and what it measures is the strength of soil at rest (Bekker's law). A tool that slips shears the soil:
+along a path of some millimetres it falls to its critical state, whose strength is that of a footing of the size of the contact, by Vesic
+(1975), with the friction of the angle of repose, at which loose soil is. That is why a slipping wheel sinks.
+
+A footing that pushes soil along bears less than one that presses straight down, and one whose base faces its push less still: the fan of
+slip lines from its edge to the free surface is shorter (Prandtl 1920, Sokolovskii 1965). A wheel in skid pushes soil ahead, up its
+front, and so sinks deeper than one that slips as much when it drives, which pushes soil below itself to the back.
+
+Soil that lies above its undisturbed level is loose: it is at the critical state from the start.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from ..contact import SLIP_FLOOR
+from ..slave.kernel import kernel
+from ..terramechanics import flow_value
+
+
+class Strength(NamedTuple):
+    """What the strength below a tool depends on, constant in a step."""
+
+    tan_phi: float
+    per_K_s: float  # 1 / path of slip that softens [1/m]; 0 = no softening
+    loose: float  # 1 where soil above its undisturbed level is loose, 0 where it bears as dense soil does
+    surcharge: float  # pressure per depth that soil beside the tool adds [Pa/m]
+    deepening: float  # its increase by depth over width [1]
+    width: float  # the smaller side of the contact [m]
+    weight: float  # pressure that the weight of the soil below adds [Pa]
+    along: float  # exponents of the loss by push along the tool's heading and across it [1]
+    across: float
+    tilt: float  # loss by the tilt of the base, per rad
+    behind: float  # share of the loss that counts where soil is pushed to the rut behind [1]
+    wall: float  # passive pressure of soil beside a steep face, over Rankine's on a smooth long one [1]
+    wall_modulus: float  # displacement that mobilises 63 % of it [m]
+
+
+#: Displacement that mobilises 63 % of a wall's passive pressure, over its height: a third of the 4 % that mobilise all (Clough & Duncan
+#: 1991, loose sand).
+_WALL_MODULUS = 0.013
+
+
+@kernel
+def strength_of(p, phi_cs, width, length, depth, speed):
+    """Strength below a tool.
+
+    Args:
+        phi_cs: Angle of repose [rad], at which soil at its critical state is.
+        width, length, depth: Of the contact, across and along the tool's heading, and down [m].
+        speed: Along the heading [m/s]; a tool at rest leaves no rut behind.
+    """
+    tan_phi = math.tan(p.phi)
+    if p.strength == 2.0:
+        return Strength(tan_phi, 0.0, 0.0, 0.0, 0.0, p.cell, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
+    b = max(min(width, length), p.cell)
+    ratio = b / max(width, length, p.cell)
+    tan_cs, sin_cs = math.tan(phi_cs), math.sin(phi_cs)
+    N_q = flow_value(phi_cs) * math.exp(math.pi * tan_cs)  # Prandtl 1920, Reissner 1924
+    N_gamma = 2.0 * (N_q + 1.0) * tan_cs  # Vesic 1975
+    gamma_s, N_phi = p.rho * p.gravity, flow_value(p.phi)
+    shape = max(length, p.cell) / width
+    return Strength(
+        tan_phi,
+        1.0 / (p.softening * p.K) if p.softening > 0.0 else 0.0,
+        1.0,
+        gamma_s * N_q * (1.0 + ratio * tan_cs),  # with the shape factor s_q
+        2.0 * tan_cs * (1.0 - sin_cs) ** 2,  # Hansen 1970, d_q
+        b,
+        0.5 * gamma_s * b * N_gamma * (1.0 - 0.4 * ratio),  # with the shape factor s_gamma
+        # Vesic 1975: m = (2 + l/b) / (1 + l/b) along the contact, in units of the 2 of a long footing pushed across.
+        0.5 * (2.0 + shape) / (1.0 + shape),
+        0.5 * (2.0 * shape + 1.0) / (1.0 + shape),
+        2.0 * p.fan * tan_phi,  # of the 2 tan(phi) of a plane fan
+        p.behind + (1.0 - p.behind) * math.exp(-abs(speed) / SLIP_FLOOR),
+        # Soil rises against the face, whose friction adds to its pressure, and fails in a wedge that is wider than the face by as much as
+        # two thirds of its own length.
+        math.exp(log_of_push(tan_phi, -tan_phi)) * (1.0 + 2.0 / 3.0 * math.sqrt(N_phi) * depth / max(length, p.cell)),
+        min(p.K, max(_WALL_MODULUS * depth, 1e-6)),
+    )
+
+
+@kernel
+def log_of_push(tan_phi, push):
+    """Logarithm of the share of its strength that is left to a footing pushed along by friction, above 1 if against its escape.
+
+    Args:
+        tan_phi: Tangent of the soil's angle of friction.
+        push: Tangent of the angle of friction that acts, positive towards the side to which the soil escapes.
+    """
+    phi, delta = math.atan(tan_phi), -math.atan(push)
+    sin_phi = math.sin(phi)
+    turn = math.asin(max(-1.0, min(1.0, math.sin(delta) / max(sin_phi, 1e-9)))) + delta
+    # Sokolovskii 1965: the ratio of Prandtl's N_q under an inclined load to that under none.
+    return math.log((1.0 + sin_phi * math.cos(turn)) / (1.0 + sin_phi)) + turn * tan_phi
+
+
+@kernel(inline=True)
+def escape(s, theta, ahead, behind, beside):
+    """Share of the strength that is left where soil escapes most easily: ahead, behind or beside the tool.
+
+    Args:
+        s: Strength.
+        theta: Angle [rad] by which the base faces ahead.
+        ahead, behind, beside: Logarithms of the share left by the push towards that side.
+    """
+    tilt = s.tilt * theta
+    front, back = s.along * (ahead - tilt), s.along * (s.behind * behind + tilt)
+    return math.exp(min(0.0, front, back, s.across * beside))
+
+
+@kernel(inline=True)
+def softened(s, path):
+    """Share of the soil's way to its critical state after a path of slip [m]."""
+    return 1.0 - math.exp(-path * s.per_K_s)
+
+
+@kernel(inline=True)
+def critical_pressure(s, depth):
+    """Pressure [Pa] that soil at its critical state bears at a depth [m]."""
+    relative = depth / s.width
+    return s.surcharge * depth * (1.0 + s.deepening * min(relative, math.atan(relative) + 1.0 - 0.25 * math.pi)) + s.weight
+
+
+@kernel(inline=True)
+def yield_pressure(s, dense, depth, fill, soft, share):
+    """Pressure [Pa] at which soil yields.
+
+    Args:
+        dense: Pressure that dense soil bears there at rest [Pa].
+        depth: Depth below the surface [m]; ``fill`` [m] of it, if positive, is loose.
+        soft: Share of the way to the critical state.
+        share: Of the strength that is left, see ``escape``.
+    """
+    soft = max(soft, s.loose * min(fill / depth, 1.0))
+    return share * ((1.0 - soft) * dense + soft * min(dense, critical_pressure(s, depth)))
