@@ -107,7 +107,7 @@ def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, ro
         dragged_layer(p),
         p.b_w,
         modulus,
-        x.powers,
+        (x.powers, x.pushes),
         h,
         x.stamp,
         rows,
@@ -135,7 +135,7 @@ def body_contact(p, x, h, body, shape, elements, range_, rows, grid, corner, pla
         0.5 * p.transport_depth,  # grains, as below a smooth wheel
         shape[WIDTH],
         modulus,
-        x.powers,
+        (x.powers, x.pushes),
         h,
         x.stamp,
         rows,

@@ -22,7 +22,7 @@ from ..terramechanics import flow_value, janosi_displacement
 from .erosion import repose_of
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .strength import escape, log_of_push, softened, strength_of, yield_pressure
+from .strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
 from .stress import counted, mobilised, power, pressure, remembered, secant_share, unloading_stiffness, whole
 from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
 from .wheel import (
@@ -103,7 +103,7 @@ def cloud_contact(
     layer,
     width,
     modulus,
-    table,
+    tables,
     h,
     stamp,
     rows,
@@ -139,7 +139,7 @@ def cloud_contact(
     cell, l_x, l_y = p.cell, -h_y, h_x
     N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
     damping = max(0.0, 1.0 - p.c_d * tool.v_0[2])  # Hunt & Crossley 1975, as in BCM
-    per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
+    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
     v_0 = tool.v_0
     speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
     strength = strength_of(p, repose_of(p), width, sums[LENGTH], sums[DEPTH], along)
@@ -165,7 +165,7 @@ def cloud_contact(
         if kept:
             j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
         ahead, sideways = pushes(p, forward * h_x, forward * h_y, j_x, j_y)
-        logs = log_of_push(tan_phi, ahead * tan_phi), log_of_push(tan_phi, -ahead * tan_phi), log_of_push(tan_phi, abs(sideways) * tan_phi)
+        logs = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead), log_of_push(tables[1], abs(sideways))
         soft = softened(strength, path)
         lowest = _lowest(steep, start, placed, links)
         for k in range(POINTS):
@@ -193,9 +193,9 @@ def cloud_contact(
                     depth = surface - z
                     before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
                     if depth > before:
-                        dense = modulus * power(table, per_spacing, p.n, depth)
-                        theta = forward * math.atan2(n_x * h_x + n_y * h_y, -n_z)
-                        plastic = yield_pressure(strength, dense, depth, fill, soft, escape(strength, theta, *logs))
+                        dense = modulus * power(tables[0], per_spacing, p.n, depth)
+                        rise = (n_x * h_x + n_y * h_y) / -n_z
+                        plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, logs))
                         sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - before, depth, plastic)
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
@@ -216,10 +216,10 @@ def cloud_contact(
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
-                    dense = modulus * power(table, per_spacing, p.n, depth)
+                    dense = modulus * power(tables[0], per_spacing, p.n, depth)
                     k_u = unloading_stiffness(p, depth, dense)
-                    theta = forward * math.atan(cells[n, SLOPE + k] / plan)
-                    plastic = yield_pressure(strength, dense, depth, fill, soft, escape(strength, theta, *logs))
+                    left = _escape(strength, forward * cells[n, SLOPE + k] / plan, logs)
+                    plastic = yield_pressure(strength, dense, depth, fill, soft, left)
                     sigma, rise = pressure(k_u, p.n, depth - before, depth, plastic)
                     after = max(before, depth - sigma / k_u)
                     total, stiffness = total + plan * sigma, stiffness + plan * rise
@@ -272,6 +272,13 @@ def _pressed(pressed, x, y, z, n_x, n_y, n_z, plan, sigma, rise):
     t_x, t_y, t_z = t_x + f * (y - z * g_y), t_y + f * (z * g_x - x), t_z + f * (x * g_y - y * g_x)
     q_x, q_y, q_z = q_x + f * x, q_y + f * y, q_z + f * z
     return area + plan, total + f, stiffness + plan * rise, q_x, q_y, q_z, f_x + f * g_x, f_y + f * g_y, t_x, t_y, t_z
+
+
+@kernel(inline=True)
+def _escape(strength, rise, logs):
+    """``escape`` of a surface that rises by ``rise`` [1] ahead."""
+    cos = 1.0 / math.sqrt(1.0 + rise * rise)
+    return escape(strength, angle(rise * cos, cos), rise * cos, logs[0], logs[1], logs[2])
 
 
 @kernel(inline=True)

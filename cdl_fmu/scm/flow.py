@@ -170,9 +170,8 @@ def _wedge(p):
 @kernel
 def _flow_out(p, sums, cells, half, half_length, outflow):
     """Fill ``outflow``: soil leaves across the nearer edge, and more of it where the wheel pushes it."""
-    per_pressure = p.pushed_ahead / max(sums[PRESSURE], 1e-9)
-    ahead_share = min(1.0, p.ahead + per_pressure * sums[PUSH_AHEAD])
-    across_share = per_pressure * sums[PUSH_ACROSS]
+    per_pressure = p.ahead / max(sums[PRESSURE], 1e-9)
+    ahead_share, across_share = per_pressure * sums[PUSH_AHEAD], per_pressure * sums[PUSH_ACROSS]
     for k in range(outflow.shape[0]):
         for m in range(OUTFLOWS):
             outflow[k, m] = 0.0

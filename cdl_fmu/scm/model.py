@@ -59,7 +59,7 @@ class SCM(KernelModel):
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
             rebound=Real(
-                0.07, "1", "Share of a sinkage that springs back when the load goes; used where k_0 and A_u are 0", min=1e-4, max=0.5
+                0.08, "1", "Share of a sinkage that springs back when the load goes; used where k_0 and A_u are 0", min=1e-4, max=0.5
             ),
             k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
             A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),
@@ -71,19 +71,16 @@ class SCM(KernelModel):
             softening=Real(
                 0.7, "1", "Path of slip over which dense soil falls to its critical state, over K; 0 = it stays dense", min=0.0, max=1e3
             ),
-            preshear=Real(0.4, "1", "Share of the passive wedge's length ahead along which pushed soil is sheared", min=0.0, max=10.0),
+            preshear=Real(0.5, "1", "Share of the passive wedge's length ahead along which pushed soil is sheared", min=0.0, max=10.0),
             fan=Real(
                 0.6, "1", "Share of the loss of strength by a tilted base that counts: the rest escapes to the sides", min=0.0, max=1.0
             ),
-            behind=Real(0.45, "1", "Share of the loss of strength by push that counts towards the rut behind", min=0.0, max=1.0),
-            pushed_ahead=Real(
-                0.25, "1", "Share of the outflow of pushed soil that goes the way of the push, besides ahead", min=0.0, max=1.0
-            ),
+            behind=Real(0.43, "1", "Share of the loss of strength by push that counts towards the rut behind", min=0.0, max=1.0),
             tau_r=Real(0.1, "s", "Time by which the shear velocity adds to the shear displacement", min=0.0, max=10.0),
             c_d=Real(1.9, "s/m", "Normal damping: pressure grows by this times the wheel's sinking speed", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces", min=0.0, max=1.0),
             plasticity=Real(0.6, "1", "Share of the plastically displaced volume that flows out; the rest is compacted", min=0.0, max=1.0),
-            ahead=Real(0.05, "1", "Share of the outflow that goes ahead of the tool", min=0.0, max=1.0),
+            ahead=Real(0.25, "1", "Share of the outflow that goes where friction pushes the soil, ahead or aside", min=0.0, max=1.0),
             transport_depth=Real(
                 0.0005, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0
             ),
@@ -156,6 +153,7 @@ class SCM(KernelModel):
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
             compacted=Real(0.0, "m", "Volume compacted so far, as height on one cell"),
             powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
+            pushes=Real(0.0, "1", "Table of what pushes leave of the soil's strength, constant during a run", (257,)),
             wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side) | contact),
             body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side) | contact),
         )

@@ -13,7 +13,7 @@ import numpy as np
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..terramechanics import flow_value, janosi_displacement
-from .strength import escape, log_of_push, softened, yield_pressure
+from .strength import angle, escape, log_of_push, softened, yield_pressure
 from .stress import counted, power, pressure, remembered, secant_share, unloading_stiffness, whole
 from .tiles import POINTS
 
@@ -75,30 +75,31 @@ def pushes(p, d_x, d_y, j_x, j_y):
 
 
 @kernel
-def press_and_shear(p, wheel, n, strength, modulus, table, per_spacing, h, block):
+def press_and_shear(p, wheel, n, strength, modulus, tables, per_spacing, h, block):
     """What the first n cells of a block do to the wheel, and the wheel to them.
 
     Args:
         modulus: k of the pressure law [N/m^(n+2)].
-        table, per_spacing: Powers of the depth, see ``tabulate``, and their nodes per metre.
+        strength: See ``strength_of``.
+        tables, per_spacing: Powers of the depth and what pushes leave, see ``wheel_contact``; nodes of the powers per metre.
         h: Length of the step [s].
     """
     level, h_x, h_y, _ = attitude(wheel)
-    per_level, tan_phi = 1.0 / level, math.tan(p.phi)
+    per_level = 1.0 / level
     forward = 1.0 if wheel.v_0[0] * h_x + wheel.v_0[1] * h_y >= 0.0 else -1.0
     for m in range(n):
         ahead, across = pushes(p, forward * h_x, forward * h_y, block.j_x[m], block.j_y[m])
         block.push_ahead[m], block.push_across[m] = ahead, forward * across
         block.soft[m] = softened(strength, block.path[m])
-        block.ahead[m], block.behind[m] = log_of_push(tan_phi, ahead * tan_phi), log_of_push(tan_phi, -ahead * tan_phi)
-        block.beside[m] = log_of_push(tan_phi, abs(across) * tan_phi)
+        block.ahead[m], block.behind[m] = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead)
+        block.beside[m] = log_of_push(tables[1], abs(across))
     for m in range(n):
         block.total[m] = block.moment[m] = block.floors[m] = block.stiffness[m] = block.push[m] = block.torque[m] = 0.0
     for k in range(POINTS):
         offset = (k + 0.5) * p.cell / POINTS - 0.5 * p.cell
         _depths(n, offset, p.r_w, per_level, block)
         for m in range(n):
-            block.power[m] = power(table, per_spacing, p.n, block.positive[m])
+            block.power[m] = power(tables[0], per_spacing, p.n, block.positive[m])
         _pressures(p, n, k, offset, per_level, forward, strength, modulus, block)
     v_0, w_0, reach = wheel.v_0, wheel.w_0, shear_radius(p, flow_value(p.phi)) / p.r_w
     _velocities(
@@ -138,8 +139,8 @@ def _pressures(p, n, k, offset, per_level, forward, strength, modulus, block):
         z = (block.lift[m] - root) * per_level
         depth, before = block.depth[m], block.before[k, m]
         positive, dense = block.positive[m], modulus * block.power[m]
-        theta = math.asin(max(-1.0, min(forward * x / r, 1.0)))
-        share = escape(strength, theta, block.ahead[m], block.behind[m], block.beside[m])
+        sin = forward * x / r
+        share = escape(strength, angle(sin, root / r), sin, block.ahead[m], block.behind[m], block.beside[m])
         plastic = yield_pressure(strength, dense, positive, block.fill[m], block.soft[m], share)
         k_u = unloading_stiffness(p, positive, dense)
         sigma, rise = pressure(k_u, p.n, depth - before, positive, plastic)

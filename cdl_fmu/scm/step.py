@@ -28,6 +28,7 @@ from .bodies import (
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
+from .strength import tabulate_pushes
 from .stress import pressure_modulus, tabulate
 from .tiles import SLIDING
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
@@ -67,6 +68,7 @@ def _initialise(t, p, x, y, *arrays):
     x.sweep_time = 0.0
     x.compacted = 0.0
     tabulate(p.n, deepest_of_table(p), x.powers)
+    tabulate_pushes(p.phi, x.pushes)
     for i in range(len(x.wheel)):
         x.wheel[i].silent = x.wheel[i].side[0] = x.wheel[i].side[1] = 0.0
         x.wheel[i].length = x.wheel[i].depth = x.wheel[i].pushed[0] = x.wheel[i].pushed[1] = 0.0
@@ -166,7 +168,7 @@ def step_kernels(patches: bool, bodies: bool):
                     sums[k],
                 )
             else:
-                wheel_contact(p, wheel, x.powers, modulus, h, x.stamp, rows, grid[k], corner[k], blocks[k], cells[k], sums[k])
+                wheel_contact(p, wheel, (x.powers, x.pushes), modulus, h, x.stamp, rows, grid[k], corner[k], blocks[k], cells[k], sums[k])
         elif bodies:
             i = k - len(u.wheel)
             recall(x.body[i], sums[k])

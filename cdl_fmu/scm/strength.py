@@ -33,6 +33,7 @@ class Strength(NamedTuple):
     weight: float  # pressure that the weight of the soil below adds [Pa]
     along: float  # exponents of the loss by push along the tool's heading and across it [1]
     across: float
+    flank: float  # by how much more a steep base bears, whose wedge is wider than it is [1]
     tilt: float  # loss by the tilt of the base, per rad
     behind: float  # share of the loss that counts where soil is pushed to the rut behind [1]
     wall: float  # passive pressure of soil beside a steep face, over Rankine's on a smooth long one [1]
@@ -55,7 +56,7 @@ def strength_of(p, phi_cs, width, length, depth, speed):
     """
     tan_phi = math.tan(p.phi)
     if p.strength == 2.0:
-        return Strength(tan_phi, 0.0, 0.0, 0.0, 0.0, p.cell, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
+        return Strength(tan_phi, 0.0, 0.0, 0.0, 0.0, p.cell, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
     b = max(min(width, length), p.cell)
     ratio = b / max(width, length, p.cell)
     tan_cs, sin_cs = math.tan(phi_cs), math.sin(phi_cs)
@@ -68,24 +69,25 @@ def strength_of(p, phi_cs, width, length, depth, speed):
         1.0 / (p.softening * p.K) if p.softening > 0.0 else 0.0,
         1.0,
         gamma_s * N_q * (1.0 + ratio * tan_cs),  # with the shape factor s_q
-        2.0 * tan_cs * (1.0 - sin_cs) ** 2,  # Hansen 1970, d_q
+        2.0 * tan_cs * (1.0 - sin_cs) ** 2,  # Hansen 1970, d_q up to a depth of the width
         b,
         0.5 * gamma_s * b * N_gamma * (1.0 - 0.4 * ratio),  # with the shape factor s_gamma
         # Vesic 1975: m = (2 + l/b) / (1 + l/b) along the contact, in units of the 2 of a long footing pushed across.
         0.5 * (2.0 + shape) / (1.0 + shape),
         0.5 * (2.0 * shape + 1.0) / (1.0 + shape),
+        2.0 / 3.0 * math.sqrt(N_phi) * depth / width,
         2.0 * p.fan * tan_phi,  # of the 2 tan(phi) of a plane fan
         p.behind + (1.0 - p.behind) * math.exp(-abs(speed) / SLIP_FLOOR),
         # Soil rises against the face, whose friction adds to its pressure, and fails in a wedge that is wider than the face by as much as
         # two thirds of its own length.
-        math.exp(log_of_push(tan_phi, -tan_phi)) * (1.0 + 2.0 / 3.0 * math.sqrt(N_phi) * depth / max(length, p.cell)),
+        math.exp(log_of_friction(tan_phi, -tan_phi)) * (1.0 + 2.0 / 3.0 * math.sqrt(N_phi) * depth / max(length, p.cell)),
         min(p.K, max(_WALL_MODULUS * depth, 1e-6)),
     )
 
 
 @kernel
-def log_of_push(tan_phi, push):
-    """Logarithm of the share of its strength that is left to a footing pushed along by friction, above 1 if against its escape.
+def log_of_friction(tan_phi, push):
+    """Logarithm of the share of its strength that is left to soil pushed along by friction; above 0 if it is pushed against its escape.
 
     Args:
         tan_phi: Tangent of the soil's angle of friction.
@@ -98,18 +100,42 @@ def log_of_push(tan_phi, push):
     return math.log((1.0 + sin_phi * math.cos(turn)) / (1.0 + sin_phi)) + turn * tan_phi
 
 
+@kernel
+def tabulate_pushes(phi, table):
+    """Fill ``table`` with ``log_of_friction`` at mobilised shares of friction from -1 to 1: computed, it would cost more than all else."""
+    for k in range(len(table)):
+        table[k] = log_of_friction(math.tan(phi), math.tan(phi) * (2.0 * k / (len(table) - 1.0) - 1.0))
+
+
 @kernel(inline=True)
-def escape(s, theta, ahead, behind, beside):
+def log_of_push(table, share):
+    """``log_of_friction`` of a mobilised share from -1 to 1, from its table."""
+    at = (share + 1.0) * (0.5 * (len(table) - 1.0))
+    k = min(max(int(at), 0), len(table) - 2)
+    return table[k] + (at - k) * (table[k + 1] - table[k])
+
+
+@kernel(inline=True)
+def angle(sin, cos):
+    """Angle [rad] between -pi/2 and pi/2, from its half's tangent; off by 1e-4 at most, in a form that compilers turn into vectors."""
+    t = sin / (1.0 + cos)
+    q = t * t
+    # Abramowitz & Stegun 1964, 4.4.49, for the arc tangent.
+    return 2.0 * t * (0.9998660 + q * (-0.3302995 + q * (0.1801410 + q * (-0.0851330 + q * 0.0208351))))
+
+
+@kernel(inline=True)
+def escape(s, theta, sin, ahead, behind, beside):
     """Share of the strength that is left where soil escapes most easily: ahead, behind or beside the tool.
 
     Args:
         s: Strength.
-        theta: Angle [rad] by which the base faces ahead.
+        theta, sin: Angle [rad] by which the base faces ahead, and its sine.
         ahead, behind, beside: Logarithms of the share left by the push towards that side.
     """
-    tilt = s.tilt * theta
-    front, back = s.along * (ahead - tilt), s.along * (s.behind * behind + tilt)
-    return math.exp(min(0.0, front, back, s.across * beside))
+    tilt, up = s.tilt * theta, max(sin, 0.0)
+    front = math.exp(s.along * (ahead - tilt)) * (1.0 + s.flank * up * up)
+    return min(1.0, front, math.exp(min(s.along * (s.behind * behind + tilt), s.across * beside)))
 
 
 @kernel(inline=True)
@@ -122,7 +148,7 @@ def softened(s, path):
 def critical_pressure(s, depth):
     """Pressure [Pa] that soil at its critical state bears at a depth [m]."""
     relative = depth / s.width
-    return s.surcharge * depth * (1.0 + s.deepening * min(relative, math.atan(relative) + 1.0 - 0.25 * math.pi)) + s.weight
+    return s.surcharge * depth * (1.0 + s.deepening * min(relative, 1.0)) + s.weight
 
 
 @kernel(inline=True)

@@ -17,7 +17,7 @@ from ..slave.kernel import kernel
 from ..terramechanics import flow_value, janosi_displacement, mohr_coulomb, rankine_wall
 from .erosion import repose_of
 from .rim import BLOCK, STEEPEST, attitude, damping_of, press_and_shear, pushes
-from .strength import escape, log_of_push, softened, strength_of, yield_pressure
+from .strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
 from .stress import counted, mobilised, power, pressure, remembered, secant_share, unloading_stiffness, whole
 from .tiles import (
     BASE,
@@ -117,12 +117,12 @@ def deepest_of_table(p):
 
 
 @kernel
-def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block, cells, sums):
+def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block, cells, sums):
     """Stresses on a wheel with soil under it.
 
     Args:
         wheel: Its input record.
-        table: Powers of the depth, see ``tabulate``.
+        tables: Powers of the depth, see ``tabulate``, and what pushes leave, see ``tabulate_pushes``.
         modulus: k of the pressure law [N/m^(n+2)].
         h: Length of the step [s].
         stamp: Number of the step.
@@ -181,13 +181,13 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
                     block.before[k, m] = max(floor + slope * ((k + 0.5) * step - 0.5 * cell), 0.0)
             m += 1
             if m == BLOCK:
-                n = _bear(p, wheel, m, n, strength, table, modulus, h, rows, block, cells, sums)
+                n = _bear(p, wheel, m, n, strength, tables, modulus, h, rows, block, cells, sums)
                 m = 0
-    n = _bear(p, wheel, m, n, strength, table, modulus, h, rows, block, cells, sums)
+    n = _bear(p, wheel, m, n, strength, tables, modulus, h, rows, block, cells, sums)
     sums[CELLS] = n
     push_ahead(p, wheel, h, sums)
     if p.n_g > 0.0 and p.h_g > 0.0:
-        _grousers(p, wheel, strength, modulus, table, stamp, rows, grid, corner, sums)
+        _grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums)
     if n > 0:
         _sides(p, wheel, strength, h, rows, grid, corner, sums)
     else:
@@ -195,10 +195,10 @@ def wheel_contact(p, wheel, table, modulus, h, stamp, rows, grid, corner, block,
 
 
 @kernel
-def _bear(p, wheel, n_block, n, strength, table, modulus, h, rows, block, cells, sums):
+def _bear(p, wheel, n_block, n, strength, tables, modulus, h, rows, block, cells, sums):
     """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
-    per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
-    press_and_shear(p, wheel, n_block, strength, modulus, table, per_spacing, h, block)
+    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
+    press_and_shear(p, wheel, n_block, strength, modulus, tables, per_spacing, h, block)
     level, r = attitude(wheel)[0], p.r_w
     layer = dragged_layer(p) * h / p.cell
     speed = math.hypot(wheel.v_0[0], wheel.v_0[1])
@@ -274,13 +274,13 @@ def push_ahead(p, tool, h, sums):
 
 
 @kernel
-def _grousers(p, wheel, strength, modulus, table, stamp, rows, grid, corner, sums):
+def _grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums):
     """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
     T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
     level, h_x, h_y, tilt = attitude(wheel)
     v_x, v_z, w_y = v_0[0] * h_x + v_0[1] * h_y, v_0[2], w_0[1] * h_x - w_0[0] * h_y
     N_phi, tan_phi, damping = flow_value(p.phi), math.tan(p.phi), damping_of(p, wheel)
-    per_spacing = (table.shape[1] - 1.0) / deepest_of_table(p)
+    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
     r_tip = p.r_w + p.h_g
     # Angle from nadir of the grouser along -z of the wheel frame, about the axle.
     up_x, up_y, up_z = tilt * h_y, -tilt * h_x, level
@@ -319,12 +319,13 @@ def _grousers(p, wheel, strength, modulus, table, stamp, rows, grid, corner, sum
             ahead, across = pushes(p, h_x * forward, h_y * forward, j_x, j_y)
             share = escape(
                 strength,
-                forward * math.asin(max(-1.0, min(1.0, sin))),
-                log_of_push(tan_phi, ahead * tan_phi),
-                log_of_push(tan_phi, -ahead * tan_phi),
-                log_of_push(tan_phi, abs(across) * tan_phi),
+                forward * angle(sin, cos),
+                forward * sin,
+                log_of_push(tables[1], ahead),
+                log_of_push(tables[1], -ahead),
+                log_of_push(tables[1], abs(across)),
             )
-            dense, soft = modulus * power(table, per_spacing, p.n, depth), softened(strength, path)
+            dense, soft = modulus * power(tables[0], per_spacing, p.n, depth), softened(strength, path)
             plastic = yield_pressure(strength, dense, depth, fill, soft, share)
             sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - floor, depth, plastic)
             u = v_x * cos + v_z * sin - w_y * r_tip
