@@ -6,12 +6,13 @@ import math
 
 from ..contact import PATIENCE, has_pose
 from ..slave.kernel import kernel
-from .cloud import HALF, MIDDLE, WIDTH, cloud_contact
+from .cloud import cloud_contact
+from .columns import CELLS, F_X, HALF, MIDDLE, ROW, T_X, WIDTH, A, B
 from .flow import heave_around, transport
+from .grousers import dragged_layer
 from .stress import pressure_modulus
 from .tiles import BASE, FILL, TILE, TILE_I, TILE_J, base_height, find, let_slide, nearest, tile_of
 from .tools import NEAR, inside, make_ready
-from .wheel import CELLS, F_X, ROW, T_X, A, B, dragged_layer
 
 #: Status numbers of a body; those of wheels and soil come before.
 BODY_NO_DATA, BODY_STILL_NO_DATA, BODY_OUTSIDE, BODY_THROUGH, NO_MESH = 9, 10, 11, 12, 13

@@ -18,21 +18,16 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from ..terramechanics import flow_value, janosi_displacement
-from .erosion import repose_of
-from .features import FLANK, SURFACE
-from .rim import pushes
-from .strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
-from .stress import counted, mobilised, power, pressure, remembered, secant_share, unloading_stiffness, whole
-from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of, surface_height
-from .wheel import (
+from ..terramechanics import flow_value
+from .columns import (
     ACROSS,
     ALONG,
     ALONG_MAX,
     ALONG_MIN,
+    AREA,
+    AT,
     BARE,
     CELLS,
-    CLEARANCE,
     D_Z,
     DEEPEST,
     DEPTH,
@@ -48,8 +43,12 @@ from .wheel import (
     K_X,
     K_Y,
     K_Z,
+    KIND,
     LENGTH,
     MEAN,
+    N_X,
+    N_Y,
+    N_Z,
     OFF,
     PATH,
     PRESSURE,
@@ -67,21 +66,19 @@ from .wheel import (
     T_Z,
     A,
     B,
+    X,
+    Y,
+    Z,
     clear,
-    deepest_of_table,
-    floor_slope,
-    push_ahead,
 )
-
-#: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
-ELEMENT = 8
-#: Columns of those that are near the soil: centroid relative to the tool's origin and normal in world axes, area, kind, and the
-#: point of the cell that they stand for, if they bear.
-X, Y, Z, N_X, N_Y, N_Z, AREA, KIND, AT = range(9)
-PLACED = 9
-#: Shape of a tool: middle and half sides of the box around its mesh [m], in the frame of the body, and its width b in Bekker's sense [m].
-MIDDLE, HALF, WIDTH = 0, 3, 6
-SHAPE = 7
+from .erosion import repose_of
+from .faces import displace, passive, velocity
+from .features import FLANK, SURFACE
+from .rim import pushes
+from .strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
+from .stress import deepest_of_table, mobilised, power, pressure, remembered, unloading_stiffness, whole
+from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
+from .wheel import CLEARANCE, floor_slope, push_ahead
 
 #: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
 _NOTHING = (0.0,) * 11
@@ -146,7 +143,7 @@ def cloud_contact(
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
-    m_x, m_y, push = _displace(p, tool, strength.wall_modulus, sums, h_x, h_y, h, placed, n_placed)
+    m_x, m_y, push = displace(p, tool, strength.wall_modulus, sums, h_x, h_y, h, placed, n_placed)
     n = 0
     for at in range((i1 - i0 + 1) * n_j):
         start = links[at]
@@ -201,7 +198,7 @@ def cloud_contact(
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 share = (m_x * n_x + m_y * n_y) * push
                 if share > 0.0:
-                    f = area * strength.wall * _passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner)
+                    f = area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner)
                     _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
                     sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
                     sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
@@ -304,7 +301,7 @@ def _bear(p, tool, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
     x, y, z = q_x / total, q_y / total, q_z / total
     length = math.sqrt(p_x * p_x + p_y * p_y + total * total)
     n_x, n_y, n_z = p_x / length, p_y / length, total / length
-    u_x, u_y, u_z = _velocity(tool.v_0, tool.w_0, x, y, z)
+    u_x, u_y, u_z = velocity(tool.v_0, tool.w_0, x, y, z)
     normal = n_x * u_x + n_y * u_y + n_z * u_z
     u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
     # Displacements are kept as turned with the surface into the horizontal plane.
@@ -366,35 +363,6 @@ def _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_,
     return n
 
 
-@kernel(inline=True)
-def _velocity(v_0, w_0, x, y, z):
-    """Velocity [m/s] of a tool's point (x, y, z) [m]."""
-    return v_0[0] + w_0[1] * z - w_0[2] * y, v_0[1] + w_0[2] * x - w_0[0] * z, v_0[2] + w_0[0] * y - w_0[1] * x
-
-
-@kernel
-def _displace(p, tool, modulus, sums, h_x, h_y, h, placed, n_placed):
-    """Move the steep faces on; returns the displacement that counts [m], in world axes, and the mobilised share by displacement [1/m].
-
-    Own choice: one displacement for the whole tool. Where it rolls, soil is left behind and replaced by soil that was not displaced yet,
-    so it relaxes over the length of contact, here the root of the plan area near the soil. Mobilised by ``modulus`` [m].
-    """
-    total, x, y, z = 0.0, 0.0, 0.0, 0.0
-    for e in range(n_placed):
-        plan = max(-placed[e, N_Z], 0.0) * placed[e, AREA]
-        total, x, y, z = total + plan, x + plan * placed[e, X], y + plan * placed[e, Y], z + plan * placed[e, Z]
-    if total > 0.0:
-        x, y, z = x / total, y / total, z / total
-    u_x, u_y, _ = _velocity(tool.v_0, tool.w_0, x, y, z)
-    rolling = math.hypot(tool.v_0[0] - u_x, tool.v_0[1] - u_y)
-    kept = 1.0 / (1.0 + rolling * h / max(math.sqrt(total), p.cell))
-    along, across = (sums[SIDE_ALONG] + h * (u_x * h_x + u_y * h_y)) * kept, (sums[SIDE_ACROSS] + h * (u_y * h_x - u_x * h_y)) * kept
-    along, across = remembered(modulus, along, across)
-    sums[SIDE_ALONG], sums[SIDE_ACROSS] = along, across
-    m_x, m_y, moved = counted(p.tau_r, along * h_x - across * h_y, along * h_y + across * h_x, u_x, u_y)
-    return m_x, m_y, secant_share(modulus, moved, janosi_displacement(moved, modulus))
-
-
 @kernel
 def _lowest(steep, start, placed, links):
     """Height [m] of the lowest bearing surface among a cell's elements."""
@@ -404,15 +372,6 @@ def _lowest(steep, start, placed, links):
             lowest = min(lowest, placed[e, Z])
         e = links[links.shape[0] - placed.shape[0] + e]
     return lowest
-
-
-@kernel
-def _passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner):
-    """Rankine's passive earth pressure [Pa] on a steep face: of the soil that it faces, whose surface is that of a cell further out."""
-    per_length = p.cell / max(math.sqrt(n_x * n_x + n_y * n_y), 1e-9)
-    i, j = nearest(r_0[0] + x + n_x * per_length, p.cell), nearest(r_0[1] + y + n_y * per_length, p.cell)
-    depth = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - z
-    return p.rho * p.gravity * depth * N_phi + 2.0 * p.c * math.sqrt(N_phi) if depth > 0.0 else 0.0  # Eq. (8.8)
 
 
 @kernel(inline=True)

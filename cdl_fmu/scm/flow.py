@@ -2,8 +2,8 @@
 
 A share ``plasticity`` of the volume that is pressed down plastically flows out from below the tool, the rest is compacted. It leaves
 across the nearer edge of the footprint of a wheel, as in the failure of a strip, or to all sides of a body, and heaves the ground beside
-it over the width of a Rankine passive wedge, depth tan(pi/4 + phi/2), most of it at the tool; a small share ``ahead`` is pushed along a
-wheel's direction of travel, and to both ends of a wheel that stands.
+it over the width of a Rankine passive wedge, depth tan(pi/4 + phi/2), most of it at the tool. Where friction pushes the soil ahead of a
+wheel in skid, or to a side, a share ``ahead`` of what flows out goes there.
 """
 
 from __future__ import annotations
@@ -12,26 +12,7 @@ import math
 
 from ..contact import SLIP_FLOOR
 from ..slave.kernel import kernel
-from .tiles import (
-    FILL,
-    POINT,
-    POINTS,
-    RATIO,
-    SHEAR_X,
-    SHEAR_Y,
-    SINKAGE,
-    SLIP,
-    STAMP,
-    TILE,
-    TILE_I,
-    TILE_J,
-    add_soil,
-    in_tile,
-    nearest,
-    quantised,
-    row_of,
-)
-from .wheel import (
+from .columns import (
     ACROSS,
     ALONG,
     ALONG_MAX,
@@ -52,6 +33,25 @@ from .wheel import (
     ROW,
     A,
     B,
+)
+from .tiles import (
+    FILL,
+    POINT,
+    POINTS,
+    RATIO,
+    SHEAR_X,
+    SHEAR_Y,
+    SINKAGE,
+    SLIP,
+    STAMP,
+    TILE,
+    TILE_I,
+    TILE_J,
+    add_soil,
+    in_tile,
+    nearest,
+    quantised,
+    row_of,
 )
 
 #: Outflow of a footprint by strip: volume to the right and to the left, depth of the strip; volume ahead by column.

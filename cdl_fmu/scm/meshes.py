@@ -10,7 +10,7 @@ import numpy as np
 
 from ..cloud import Cloud, load_cloud
 from ..slave.model import ModelError
-from .cloud import ELEMENT, HALF, MIDDLE, SHAPE, WIDTH
+from .columns import ELEMENT, HALF, MIDDLE, SHAPE, WIDTH
 from .features import with_kinds
 
 #: Elements along a cell: the footprint's edge is resolved to half of one.

@@ -24,7 +24,7 @@ from ..soil import SOIL, check_bearing
 from ..terrain.raster import load_raster
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
-from .cloud import WIDTH
+from .columns import WIDTH
 from .meshes import load_meshes
 from .pool import SoilPool
 from .step import FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
@@ -37,8 +37,9 @@ class SCM(KernelModel):
     """Soil contact model: wheels and other bodies on sand that deforms, keeps ruts and slides down slopes.
 
     The soil is a height map in cells. Each cell under a tool bears an elastic-plastic pressure by its depth and what pressed it before, and
-    shear by the displacement of the tool against it; what is pressed down is compacted or flows out beside the tool, the tool drags a
-    layer along, and slopes slide down to the angle of repose (sections 8.3.12 to 8.3.15 of the chapter).
+    shear by the displacement of the tool against it; soil that is sheared, pushed along or heaped up bears less (see ``strength``). What is
+    pressed down is compacted or flows out beside the tool, the tool drags a layer along, and slopes slide down to the angle of repose
+    (sections 8.3.12 to 8.3.15 of the chapter).
 
     Args:
         n_wheels: Number of wheels.

@@ -10,11 +10,10 @@ import numpy as np
 from ..slave.pool import RowPool, SavedRows
 from ..terrain.raster import Raster
 from . import erosion, rim
-from .cloud import PLACED
+from .columns import COLUMNS, PLACED, SUMS
 from .flow import OUTFLOWS
 from .meshes import Meshes
 from .tiles import BASE, FIELDS, FILL, HEAD, LONGEST_QUEUE, MARKS, SINKAGE, TILE, TILE_I, TILE_J
-from .wheel import COLUMNS, SUMS
 
 
 class SoilPool(RowPool):

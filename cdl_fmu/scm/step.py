@@ -25,14 +25,15 @@ from .bodies import (
     refused_body,
     wheel_contact_with_mesh,
 )
+from .columns import CELLS, DEEPEST, DEPTH, LENGTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
 from .strength import tabulate_pushes
-from .stress import pressure_modulus, tabulate
+from .stress import deepest_of_table, pressure_modulus, tabulate
 from .tiles import SLIDING
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
-from .wheel import CELLS, DEEPEST, DEPTH, LENGTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS, deepest_of_table, wheel_contact
+from .wheel import wheel_contact
 
 #: Status numbers beside those of wheels and bodies.
 OUTSIDE, THROUGH, FULL, PATCH_OUTSIDE = 5, 6, 7, 8

@@ -24,7 +24,6 @@ from ..terramechanics import flow_value
 class Strength(NamedTuple):
     """What the strength below a tool depends on, constant in a step."""
 
-    tan_phi: float
     per_K_s: float  # 1 / path of slip that softens [1/m]; 0 = no softening
     loose: float  # 1 where soil above its undisturbed level is loose, 0 where it bears as dense soil does
     surcharge: float  # pressure per depth that soil beside the tool adds [Pa/m]
@@ -56,7 +55,7 @@ def strength_of(p, phi_cs, width, length, depth, speed):
     """
     tan_phi = math.tan(p.phi)
     if p.strength == 2.0:
-        return Strength(tan_phi, 0.0, 0.0, 0.0, 0.0, p.cell, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
+        return Strength(0.0, 0.0, 0.0, 0.0, p.cell, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
     b = max(min(width, length), p.cell)
     ratio = b / max(width, length, p.cell)
     tan_cs, sin_cs = math.tan(phi_cs), math.sin(phi_cs)
@@ -65,7 +64,6 @@ def strength_of(p, phi_cs, width, length, depth, speed):
     gamma_s, N_phi = p.rho * p.gravity, flow_value(p.phi)
     shape = max(length, p.cell) / width
     return Strength(
-        tan_phi,
         1.0 / (p.softening * p.K) if p.softening > 0.0 else 0.0,
         1.0,
         gamma_s * N_q * (1.0 + ratio * tan_cs),  # with the shape factor s_q
@@ -133,9 +131,10 @@ def escape(s, theta, sin, ahead, behind, beside):
         theta, sin: Angle [rad] by which the base faces ahead, and its sine.
         ahead, behind, beside: Logarithms of the share left by the push towards that side.
     """
-    tilt, up = s.tilt * theta, max(sin, 0.0)
+    tilt, up, down = s.tilt * theta, max(sin, 0.0), min(sin, 0.0)
     front = math.exp(s.along * (ahead - tilt)) * (1.0 + s.flank * up * up)
-    return min(1.0, front, math.exp(min(s.along * (s.behind * behind + tilt), s.across * beside)))
+    back = math.exp(min(s.along * (s.behind * behind + tilt), s.across * beside)) * (1.0 + s.flank * down * down)
+    return min(1.0, front, back)
 
 
 @kernel(inline=True)

@@ -102,3 +102,9 @@ def remembered(K, j_x, j_y):
     longest = LONGEST_MEMORY * K
     kept = longest / max(math.sqrt(j_x * j_x + j_y * j_y), longest)
     return j_x * kept, j_y * kept
+
+
+@kernel
+def deepest_of_table(p):
+    """Depth [m] up to which powers are tabulated: more than a wheel's radius."""
+    return 2.0 * p.r_w

@@ -7,10 +7,10 @@ import math
 from ..contact import SLIP_FLOOR, anchor_here, lowest_point, show
 from ..slave.kernel import kernel
 from ..terramechanics import slip_ratio
+from .columns import ALONG_MAX, ALONG_MIN, CELLS, D_Z, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z
 from .flow import ends_share, heave, transport
 from .heights import height_at
 from .tiles import base_height_at, let_slide, look_up, nearest, tile_of, touch
-from .wheel import ALONG_MAX, ALONG_MIN, CELLS, D_Z, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z
 
 #: [m] above the ground from which on a tool's tiles are made ready.
 NEAR = 0.03

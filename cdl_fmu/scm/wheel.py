@@ -12,13 +12,55 @@ from __future__ import annotations
 
 import math
 
-from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
-from ..terramechanics import flow_value, janosi_displacement, mohr_coulomb, rankine_wall
+from ..terramechanics import flow_value, janosi_displacement, rankine_wall
+from .columns import (
+    ACROSS,
+    ALONG,
+    ALONG_MAX,
+    ALONG_MIN,
+    BARE,
+    CELLS,
+    D_Z,
+    DEEPEST,
+    DEPTH,
+    F_X,
+    F_Y,
+    F_Z,
+    FIRST,
+    FLOOR,
+    FLUX_X,
+    FLUX_Y,
+    J_X,
+    J_Y,
+    K_X,
+    K_Y,
+    K_Z,
+    LENGTH,
+    MEAN,
+    OFF,
+    PATH,
+    PRESSURE,
+    PUSH_ACROSS,
+    PUSH_AHEAD,
+    PUSH_SPEED,
+    PUSHED_X,
+    PUSHED_Y,
+    ROW,
+    SIDE_ACROSS,
+    T_X,
+    T_Y,
+    T_Z,
+    A,
+    B,
+    add_force,
+    clear,
+)
 from .erosion import repose_of
-from .rim import BLOCK, STEEPEST, attitude, damping_of, press_and_shear, pushes
-from .strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
-from .stress import counted, mobilised, power, pressure, remembered, secant_share, unloading_stiffness, whole
+from .grousers import dragged_layer, grousers
+from .rim import BLOCK, STEEPEST, attitude, press_and_shear
+from .strength import strength_of
+from .stress import counted, deepest_of_table, remembered, secant_share, whole
 from .tiles import (
     BASE,
     FILL,
@@ -37,40 +79,7 @@ from .tiles import (
     surface_height,
 )
 
-#: Columns of a tool's list of pressed cells.
-ROW, A, B, FLOOR, MEAN, J_X, J_Y, PATH, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(13)
-SLOPE = FIRST + POINTS  # while a cell of a meshed tool is looked at
-COLUMNS = SLOPE + POINTS
-#: FLOOR of a cell that is not pressed, but covered so closely that no soil slides in: off the tool, or bare of grains that it dragged off.
-OFF, BARE = -1.0, -2.0
-#: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,
-#: deepest floor; pressure, and weighted with it the speed by which the tool pushes soil its way and the mobilised shares of friction that
-#: push soil ahead and across; then what is updated: the displacement of its steep faces against the soil beside them, the length of the
-#: contact, and the displacement of the soil that is pushed ahead, in world axes [m].
-F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
-PRESSURE, PUSH_SPEED, PUSH_AHEAD, PUSH_ACROSS, SIDE_ALONG, SIDE_ACROSS, LENGTH, DEPTH, PUSHED_X, PUSHED_Y = range(14, 24)
-SUMS = 24
-
 CLEARANCE = 0.2  # cells between rim and soil below which no soil slides in
-
-
-@kernel
-def clear(sums):
-    """No contact."""
-    for k in range(SIDE_ALONG):
-        sums[k] = 0.0
-    sums[ALONG_MIN], sums[ALONG_MAX] = 1e9, -1e9
-
-
-@kernel(inline=True)
-def add_force(sums, x, y, z, f_x, f_y, f_z):
-    """Add a force [N] at a point [m] relative to the tool's centre, both in its level axes."""
-    sums[F_X] += whole(f_x)
-    sums[F_Y] += whole(f_y)
-    sums[F_Z] += whole(f_z)
-    sums[T_X] += whole(y * f_z - z * f_y)
-    sums[T_Y] += whole(z * f_x - x * f_z)
-    sums[T_Z] += whole(x * f_y - y * f_x)
 
 
 @kernel(inline=True)
@@ -108,12 +117,6 @@ def _pressed_level(rows, row, a, b):
 @kernel
 def _level_at(rows, grid, corner, i, j):
     return _pressed_level(rows, row_of(grid, corner, i, j), in_tile(i), in_tile(j))
-
-
-@kernel
-def deepest_of_table(p):
-    """Depth [m] up to which powers are tabulated: more than a wheel's radius."""
-    return 2.0 * p.r_w
 
 
 @kernel
@@ -187,7 +190,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
     sums[CELLS] = n
     push_ahead(p, wheel, h, sums)
     if p.n_g > 0.0 and p.h_g > 0.0:
-        _grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums)
+        grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums)
     if n > 0:
         _sides(p, wheel, strength, h, rows, grid, corner, sums)
     else:
@@ -243,18 +246,6 @@ def _bear(p, wheel, n_block, n, strength, tables, modulus, h, rows, block, cells
 
 
 @kernel
-def dragged_layer(p):
-    """Depth [m] of the layer that goes with a wheel's rim at its speed."""
-    # Grains below the rim, whose speed falls linearly from the rim's to 0.
-    grains = 0.5 * p.transport_depth
-    if p.n_g == 0.0 or p.h_g == 0.0:
-        return grains
-    # Rankine's wedge ahead of each grouser, h_g high and h_g tan(pi/4 + phi/2) long; at most what lies between two of them.
-    wedge = 0.5 * p.h_g**2 * math.sqrt(flow_value(p.phi))
-    return grains + min(wedge * p.n_g / (2.0 * math.pi * (p.r_w + 0.5 * p.h_g)), p.h_g)
-
-
-@kernel
 def push_ahead(p, tool, h, sums):
     """Length of the contact, and the displacement of soil that a tool pushes ahead of it, when it gets below the tool.
 
@@ -271,87 +262,6 @@ def push_ahead(p, tool, h, sums):
     kept = wedge / (wedge + speed * h) if wedge > 0.0 else 0.0
     per_speed = h / max(speed, 1e-9)
     sums[PUSHED_X], sums[PUSHED_Y] = (sums[PUSHED_X] + push * v_x * per_speed) * kept, (sums[PUSHED_Y] + push * v_y * per_speed) * kept
-
-
-@kernel
-def _grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums):
-    """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
-    T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
-    level, h_x, h_y, tilt = attitude(wheel)
-    v_x, v_z, w_y = v_0[0] * h_x + v_0[1] * h_y, v_0[2], w_0[1] * h_x - w_0[0] * h_y
-    N_phi, tan_phi, damping = flow_value(p.phi), math.tan(p.phi), damping_of(p, wheel)
-    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
-    r_tip = p.r_w + p.h_g
-    # Angle from nadir of the grouser along -z of the wheel frame, about the axle.
-    up_x, up_y, up_z = tilt * h_y, -tilt * h_x, level
-    first = math.atan2(-(T[2, 0] * h_x + T[2, 1] * h_y), T[2, 0] * up_x + T[2, 1] * up_y + T[2, 2] * up_z)
-    pitch = 2.0 * math.pi / p.n_g
-    strips = math.ceil(p.b_w / p.cell)
-    width = p.b_w / strips
-    interlocked = shear_radius(p, N_phi) > p.r_w
-    gamma_s = p.rho * p.gravity
-    forward = 1.0 if v_x >= 0.0 else -1.0
-    for g in range(int(p.n_g)):
-        theta = first + g * pitch
-        cos, sin = math.cos(theta), math.sin(theta)
-        if cos < 0.1:
-            continue
-        for s in range(strips):
-            xi = (s + 0.5) * width - 0.5 * p.b_w
-            # Tip in level axes: radius along (sin, down), axle along (level, tilt).
-            x = r_tip * sin
-            y = xi * level + r_tip * cos * tilt
-            z = xi * tilt - r_tip * cos * level
-            i = nearest(r_0[0] + x * h_x - y * h_y, p.cell)
-            j = nearest(r_0[1] + x * h_y + y * h_x, p.cell)
-            row = row_of(grid, corner, i, j)
-            a, b = in_tile(i), in_tile(j)
-            kept = rows[row, STAMP, a, b] == stamp - 1.0
-            floor = floor_depth(rows, row, a, b)
-            fill = rows[row, FILL, a, b]
-            surface = rows[row, BASE, a, b] + fill - r_0[2]
-            depth = surface - z
-            if depth <= floor:
-                continue
-            j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
-            if kept:
-                j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
-            ahead, across = pushes(p, h_x * forward, h_y * forward, j_x, j_y)
-            share = escape(
-                strength,
-                forward * angle(sin, cos),
-                forward * sin,
-                log_of_push(tables[1], ahead),
-                log_of_push(tables[1], -ahead),
-                log_of_push(tables[1], abs(across)),
-            )
-            dense, soft = modulus * power(tables[0], per_spacing, p.n, depth), softened(strength, path)
-            plastic = yield_pressure(strength, dense, depth, fill, soft, share)
-            sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - floor, depth, plastic)
-            u = v_x * cos + v_z * sin - w_y * r_tip
-            m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
-            m_t, m_l = m_x * h_x + m_y * h_y, m_y * h_x - m_x * h_y
-            area = width * p.t_g
-            f_n = sigma * damping * area
-            stiffness = mohr_coulomb(p.c * min(damping, 1.0), sigma * damping, tan_phi) * area * secant
-            f_t, f_l = -stiffness * m_t, -stiffness * m_l
-            add_force(sums, x, y, z, f_t * cos - f_n * sin, f_l, f_t * sin + f_n * cos * level)
-            if not interlocked:  # else the soil between the grousers turns with them
-                rim = depth - p.h_g * cos * level
-                wetted = min(max(depth - floor, 0.0), p.h_g * cos * level)
-                # The face's top lies below undisturbed soil ahead of the wheel, below the pressed floor behind.
-                over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
-                q = 0.0
-                if p.kappa_q > 0.0 and rim > floor:
-                    q = p.kappa_q * sigma
-                passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
-                face = p.r_w + 0.5 * p.h_g
-                add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)
-                stiffness += passive
-            sums[K_X] += whole(stiffness)
-            sums[K_Y] += whole(stiffness)
-            sums[K_Z] += whole(rise * damping * area)
-            sums[D_Z] += whole(p.c_d * sigma * area)
 
 
 @kernel
