@@ -187,7 +187,7 @@ def test_grids_are_compared_with_one_another():
         return {"sinkage_m": 0.02 * (1.04 if point["scm.cell"] == 0.0025 else 1.0 + 0.1 * ("carriage.heading" in point))}
 
     rows = scm.grid(MadeUp(finer_is_deeper)).rows
-    assert len(rows) == 2 * (3 + 4 + 2)
+    assert len(rows) == 3 * (3 + 4 + 2)
     assert misses(Findings(rows)) == [
         ("SCM", f"sinkage, travel along 45 deg, CMU smooth wheel, s = {slip}") for slip in ("-0.5", "0", "0.5")
     ]

@@ -13,6 +13,9 @@ from .rows import shown
 #: Settings of a run, as ``cdl run single_wheel --set`` takes them.
 Point = Mapping[str, object]
 
+#: Load [N] on a wheel of the two-wheel rover of Table 8.2.
+ROVER_WHEEL_LOAD = 27.0 * 9.81
+
 
 class Bench:
     """Runs points for checks.

@@ -14,7 +14,7 @@ from cdl_fmu.slave.model import Instance
 from cdl_fmu.soil import load_soil
 from cdl_fmu.wheel import WHEEL
 
-from .bench import Bench, Point
+from .bench import ROVER_WHEEL_LOAD, Bench, Point
 from .rows import Findings, Row, relative
 
 # Bars: of BCM's forces, and of runs on the testbed.
@@ -25,7 +25,7 @@ _SET = "mss_d"
 _SOIL = load_soil(_SET)
 _R, _B = WHEEL.fields["r_w"].start, WHEEL.fields["b_w"].start  # of Table 8.2
 _N, _K_EQ = _SOIL["n"], _SOIL["k_c"] / _B + _SOIL["k_phi"]
-_LOADS = (100.0, 27.0 * 9.81)  # N
+_LOADS = (100.0, ROVER_WHEEL_LOAD)  # N
 _WORK = "-b k z^(n+1) / (n+1)"
 _SHALLOW = 0.02  # sinkage / diameter up to which the parabola of the Beta form is good for 1 %
 

@@ -34,7 +34,7 @@ class Level:
     """All trials at one slip.
 
     Attributes:
-        slip: Its mean, to two digits.
+        slip: To two digits.
         trials: The trials.
         load: Mean measured F_z [N].
         pull: Mean measured F_x / load.

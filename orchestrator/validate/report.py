@@ -75,7 +75,8 @@ class Report:
             "# Validation",
             "",
             f"Written by `{command}`; every number below is from that run. {self.tally}.",
-            "Errors are relative to what is expected, in its unit, or in wheel loads W; (!): the run did not become stationary.",
+            "Errors are relative to what is expected, in its unit, or in wheel loads W. Nothing is asked of numbers without a bar. (!): "
+            "the run did not become stationary, and the number is a mean over its last quarter.",
             "",
             *_markdown(COLUMNS, [row.cells() for row in self.rows]),
         ]
@@ -86,11 +87,8 @@ class Report:
             if name in self.pictures:
                 lines += [f"![{self.titles[name]}]({self.pictures[name].name})", ""]
             for table in found.tables:
-                lines += [
-                    f"### {table.title}",
-                    "",
-                    *_markdown(table.columns, [[shown(cell, digits=3) for cell in row] for row in table.rows]),
-                ]
+                cells = [[shown(cell, digits=3) for cell in row] for row in table.rows]
+                lines += [f"### {table.title}", "", *_markdown(table.columns, cells)]
         return lines[:-1]
 
 

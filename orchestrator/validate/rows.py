@@ -95,12 +95,11 @@ def limited(model: str, against: str, quantity: str, error: float, unit: str, ba
 
 @dataclass(frozen=True)
 class Table:
-    """A table beside the one of all checks: columns, rows of numbers and words, and what has to be known to read it."""
+    """A table beside the one of all checks: columns, and rows of numbers and words."""
 
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[float | str]]
-    note: str = ""
 
     def facts(self) -> dict[str, object]:
         """As ``results.json`` has it."""

@@ -54,12 +54,12 @@ def heap(height: Callable[[np.ndarray, np.ndarray], np.ndarray], reach: float, *
 
 
 def wait_for_rest(instance: Instance, most: float = 10.0, h: float = 0.01) -> None:
-    """Step without wheels until nothing slides; fails after ``most`` [s]."""
+    """Step without wheels until nothing slides; RuntimeError after ``most`` [s]."""
     for k in range(round(most / h)):
         if instance.pool.head[SLIDING] == 0:
             return
         instance.step(k * h, h)
-    raise AssertionError(f"soil still slides after {most} s")
+    raise RuntimeError(f"soil still slides after {most} s")
 
 
 def slopes(instance: Instance, top: float, directions: int = 32) -> np.ndarray:

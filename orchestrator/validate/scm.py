@@ -12,10 +12,10 @@ from cdl_fmu.scm import SCM
 from cdl_fmu.slave.model import Instance
 
 from . import cmu, sand
-from .bench import Bench, Point
+from .bench import ROVER_WHEEL_LOAD, Bench, Point
 from .rows import Findings, Row, absolute, limited, relative
 
-# Bars: sinkage relative, drawbar pull in loads W.
+# Bars: sinkage relative, forces in loads W.
 _ORIENTATION, _CELLS = 0.03, 0.05
 _REPOSE = math.radians(1.0)
 
@@ -24,7 +24,7 @@ _HEADING = math.radians(45.0)
 _TURNED_SLIPS, _FINE_SLIPS, _TABLE_8_2_SLIPS = ((-0.5, 0.0, 0.5), (0.5,)), ((-0.5, 0.0, 0.5, 0.9), (0.0,)), ((0.0, 0.5), (0.0,))
 _FINE, _MIDDLE, _COARSE = 0.0025, 0.005, 0.01  # cells [m]
 #: The wheel of Table 8.2, under its load in the two-wheel rover and about as fast.
-_TABLE_8_2: Point = {"tier": "SCM", "load_N": 27.0 * 9.81, "carriage_speed": 0.1, "soil.set": "mss_d"}
+_TABLE_8_2: Point = {"tier": "SCM", "load_N": ROVER_WHEEL_LOAD, "carriage_speed": 0.1, "soil.set": "mss_d"}
 _REPOSE_ANGLES = (29.0, 36.7)  # deg
 
 
@@ -41,12 +41,14 @@ class _Pair:
     def rows(self, one: Mapping, other: Mapping) -> list[Row]:
         """By what both measure."""
         load, more = self.points[0]["load_N"], {"stationary": one["stationary"] and other["stationary"]}
-        (z, sinkage), (pull, other_pull) = ((one[key], other[key]) for key in ("sinkage_m", "drawbar_pull_N"))
-        names = [f"{quantity}, {self.other}, {self.wheel}" for quantity in ("sinkage", "drawbar pull")]
-        return [
-            relative("SCM", self.one, names[0], z, sinkage, "m", self.bar, **more),
-            absolute("SCM", self.one, names[1], pull / load, other_pull / load, "W", self.bar, **more),
-        ]
+        rows = [relative("SCM", self.one, self._name("sinkage"), one["sinkage_m"], other["sinkage_m"], "m", self.bar, **more)]
+        for force in ("drawbar pull", "lateral force"):
+            values = (facts[f"{force.replace(' ', '_')}_N"] / load for facts in (one, other))
+            rows.append(absolute("SCM", self.one, self._name(force), *values, "W", self.bar, **more))
+        return rows
+
+    def _name(self, quantity: str) -> str:
+        return f"{quantity}, {self.other}, {self.wheel}"
 
 
 def grid(bench: Bench) -> Findings:
@@ -56,9 +58,8 @@ def grid(bench: Bench) -> Findings:
     pairs += [_table_8_2(slip) for slip in _TABLE_8_2_SLIPS[bench.quick]]
     facts = iter(bench.measure([point for pair in pairs for point in pair.points]))
     rows = [row for pair in pairs for row in pair.rows(next(facts), next(facts))]
-    return Findings(
-        rows, note="Runs on the testbed whose grids alone differ; the wheels are the smooth one above and the one of Table 8.2."
-    )
+    note = "Runs on the testbed whose grids alone differ; the wheels are the smooth one above and the one of Table 8.2."
+    return Findings(rows, note=note)
 
 
 def _turned(slip: float) -> _Pair:

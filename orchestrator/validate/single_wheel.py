@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,11 @@ from .bench import Bench
 from .cmu import Level
 from .rows import Findings, Row, absolute, limited, relative, rms
 
-#: Slips for which the bars of all of them are.
+#: First and last slip that roots of mean squares are taken over.
 _FIRST, _LAST = -0.5, 0.9
 #: Settings that switch on BCM's law of slip sinkage; None: it has none.
 _SLIP_SINKAGE: dict[str, object] | None = None
+_WITH_LAW = "BCM, slip sinkage"
 
 # Bars: sinkage relative to the measured one, drawbar pull in loads W.
 _SCM_SINKAGE_RMS, _SCM_SINKAGE_WORST = 0.10, 0.15
@@ -54,21 +55,22 @@ class Point:
 def check(bench: Bench) -> Findings:
     """Smooth wheel over slip"""
     levels = cmu.levels(bench.quick)
-    models = {"SCM": {}, "BCM": {}} | ({"BCM, slip sinkage": _SLIP_SINKAGE} if _SLIP_SINKAGE else {})
-    facts = iter(bench.measure([cmu.point(model[:3], level, more) for model, more in models.items() for level in levels]))
-    curves = {
-        model: [
-            Point(level, fact["sinkage_m"], fact["drawbar_pull_N"] / level.load, fact["stationary"]) for level, fact in zip(levels, facts)
-        ]
-        for model in models
-    }
-    rows = [*_scm(curves["SCM"]), *_bcm(curves["BCM"]), *_slip_sinkage(curves.get("BCM, slip sinkage"))]
+    models: dict[str, tuple[str, dict]] = {"SCM": ("SCM", {}), "BCM": ("BCM", {})}
+    if _SLIP_SINKAGE is not None:
+        models[_WITH_LAW] = "BCM", _SLIP_SINKAGE
+    facts = iter(bench.measure([cmu.point(tier, level, settings) for tier, settings in models.values() for level in levels]))
+    curves = {model: [_point(level, next(facts)) for level in levels] for model in models}
+    rows = [*_scm(curves["SCM"]), *_bcm(curves["BCM"]), *_slip_sinkage(curves.get(_WITH_LAW))]
     note = (
         "Wheel of 58 mm radius and 50 mm width at 10 mm/s on dry sand whose law of sinkage is from plate tests, under the mean load W of "
         "the trials at each slip; errors are from the mean of the trials. The figure has each trial with its standard deviation; hollow: "
         "not stationary, mean over the last quarter."
     )
     return Findings(rows, _figure(curves, levels), note=note)
+
+
+def _point(level: Level, facts: Mapping) -> Point:
+    return Point(level, facts["sinkage_m"], facts["drawbar_pull_N"] / level.load, facts["stationary"])
 
 
 def _scm(points: Sequence[Point]) -> list[Row]:
@@ -82,9 +84,8 @@ def _scm(points: Sequence[Point]) -> list[Row]:
     over = f"s = {_FIRST:g} to {_LAST:g}"
     rows.append(_limited("SCM", f"sinkage, rms over {over}", rms([p.sinkage_error for p in inside]), "share", (None, _SCM_SINKAGE_RMS)))
     rows.append(_limited("SCM", f"drawbar pull, rms over {over}", rms([p.pull_error for p in inside]), "W", (None, _SCM_PULL_RMS)))
-    rows.append(
-        _limited("SCM", f"drawbar pull, rms over s = 0 to {_LAST:g}", rms([p.pull_error for p in driving]), "W", (None, _DRIVING_PULL_RMS))
-    )
+    pulling = rms([p.pull_error for p in driving])
+    rows.append(_limited("SCM", f"drawbar pull, rms over s = 0 to {_LAST:g}", pulling, "W", (None, _DRIVING_PULL_RMS)))
     first, last = (next(p for p in points if p.level.slip == slip) for slip in (0.0, _LAST))
     rise = last.pull - first.pull
     rows.append(_limited("SCM", f"drawbar pull, rise from s = 0 to {_LAST:g}", rise, "W", (_LEAST_RISE, None)))
@@ -107,10 +108,10 @@ def _bcm(points: Sequence[Point]) -> list[Row]:
 
 
 def _slip_sinkage(points: Sequence[Point] | None) -> list[Row]:
-    model = "BCM, slip sinkage"
     if points is None:
-        return [Row(model, cmu.NAME, "sinkage", computed="BCM has no law of it", error_unit="share", bar=(-_BCM_SINKAGE, _BCM_SINKAGE))]
-    return [_sinkage(model, p, _BCM_SINKAGE) for p in points if _FIRST <= p.level.slip <= _LAST]
+        bar = -_BCM_SINKAGE, _BCM_SINKAGE
+        return [Row(_WITH_LAW, cmu.NAME, "sinkage", computed="BCM has no law of it", error_unit="share", bar=bar)]
+    return [_sinkage(_WITH_LAW, p, _BCM_SINKAGE) for p in points if _FIRST <= p.level.slip <= _LAST]
 
 
 def _sinkage(model: str, p: Point, bar: float | None = None, steady: bool = False) -> Row:
