@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from .checkout import home
 from .cli_identify import identify
 from .cli_sweep import measured_in, run_sweeps
-from .refusals import Commands, say
+from .cli_validate import validate
+from .refusals import Commands, require_platform, say
 
 _EXAMPLES = {
     "run": "cdl run two_wheel --tiers BCM,BCM --stop-time 2 --set soil.phi=0.6",
@@ -23,6 +24,7 @@ _EXAMPLES = {
     "export": "cdl export two_wheel -o rover.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
     "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
+    "validate": "cdl validate --quick --out results/validation",
     "doctor": "cdl doctor",
 }
 
@@ -89,7 +91,7 @@ def run(
 
     On a single-wheel testbed a list of values sweeps its key, e.g. --set "slip=[0,0.2,0.4]".
     """
-    _require_platform()
+    require_platform()
     from .drive import facts_of, simulate
     from .summaries import print_run
     from .terminal import follow
@@ -137,7 +139,7 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Run an experiment with BCM, with SCM in front and with SCM, and measure what the chapter's section 8.5 says of them."""
-    _require_platform()
+    require_platform()
     from .compare import compare as compare_runs
     from .terminal import follow, output, table
 
@@ -176,13 +178,13 @@ def build(
     ] = None,
 ) -> None:
     """Build FMUs, for use in other tools. Runs need no build: they use a cache."""
-    _require_platform()
+    require_platform()
     from cdl_fmu.slave.build import build_fmu
     from fmus import SHIPPED, model_of
 
     from .terminal import output, table
 
-    folder = out or _build_folder()
+    folder = out or home() / "fmus" / "build"
     rows = table("FMU", "model", "inputs", "outputs", "parameters", right=("inputs", "outputs", "parameters"))
     packed = {name: Path(path) for name, path in (_assignment(text, "--file", "body[1].mesh=rock.stl") for text in files or ())}
     for model in [model_of(name) for name in names] if names else SHIPPED:
@@ -282,6 +284,7 @@ def diff(
 
 
 app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
+app.command(epilog=f"Example:  {_EXAMPLES['validate']}")(validate)
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['doctor']}")
@@ -299,15 +302,6 @@ def doctor() -> None:
         failed += finding.state == "failed"
     console.print(f"{failed} failed" if failed else "all is well", style="bold")
     raise typer.Exit(1 if failed else 0)
-
-
-def _require_platform() -> None:
-    if sys.platform not in ("linux", "win32"):
-        say(
-            f"error: FMUs run on Linux and Windows, not on {sys.platform}: use one of them or a container; "
-            "results can be plotted, compared and exported here, and the models called from Python"
-        )
-        raise typer.Exit(2)
 
 
 def _tiers(text: str | None) -> list[str] | None:
@@ -335,15 +329,6 @@ def _assignment(text: str, option: str, example: str) -> tuple[str, str]:
     if not (key and equals):
         raise typer.BadParameter(f"{text!r}: write KEY=VALUE, e.g. {example}", param_hint=option)
     return key.strip(), value
-
-
-def _build_folder() -> Path:
-    """``fmus/build`` of the checkout that this package is run from, else of the current folder."""
-    import os
-
-    root = Path(__file__).resolve().parents[1]
-    is_checkout = (root / ".git").exists() and os.access(root / "fmus", os.W_OK)
-    return (root if is_checkout else Path()) / "fmus" / "build"
 
 
 def _beside(result: Path, suffix: str) -> Path:

@@ -30,12 +30,7 @@ def run_sweeps(source: str, out: Path | None, options: dict, measured: Path | No
     from .summaries import print_sweep
 
     tests = measured_in(measured)
-
-    def finished(point: str, done: int, points: int) -> None:
-        if not as_json:
-            say(f"{done} of {points}: {point}")
-
-    sweep = run_sweep(keys, source, out, **options, finished=finished)
+    sweep = run_sweep(keys, source, out, **options, status=(lambda text: None) if as_json else say)
     sweep.draw(tests)
     if as_json:
         print(json.dumps(sweep.facts()))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from .claims import RUNS, Verdict, judge, load_claims
-from .courses import SIGNALS, Course
+from .courses import SIGNALS, WHEELS, Course
 from .drive import facts_of, simulate
 from .results import open_result
 from .run import Outcome, RunError
@@ -154,16 +154,20 @@ def compare(
         watch: Called with each run's name; a context that receives what :func:`orchestrator.simulate` reports.
 
     Raises:
-        RunError: the experiment is a finished system.
-        ResultError: its rover has no front and rear wheel.
+        RunError: the experiment is a finished system, or has no front and rear wheel.
         ExperimentError, SlaveError: see :func:`orchestrator.simulate`.
         KeyboardInterrupt: a run was interrupted; the results up to there are kept.
     """
-    from fmus import CLAIMS  # with all models, which take a second
+    from fmus import CLAIMS, TIERS  # with all models, which take a second
+
+    from .experiment import meant_for, wheels_in
 
     experiment = Path(experiment)
     if experiment.suffix == ".ssp":
         raise RunError(f"{experiment.name} is a finished system, whose tiers cannot be changed: compare an experiment, such as two_wheel")
+    if not set(WHEELS) <= set(wheels := wheels_in(experiment)):
+        has = f"wheel{'s' if len(wheels) > 1 else ''} {', '.join(wheels)}"
+        raise RunError(f"{experiment.stem} has the {has}: a comparison needs a front and a rear wheel, as two_wheel has them")
     out = Path("results", f"compare_{experiment.stem}") if out is None else Path(out)
     claims = load_claims(CLAIMS)
     outcomes, results, courses = {}, {}, {}
@@ -174,7 +178,7 @@ def compare(
                 out / run,
                 tiers=tiers,
                 soil=soil,
-                overrides=overrides,
+                overrides=meant_for(tiers, TIERS, overrides),
                 stop_time=stop_time,
                 progress=display.progress,
                 status=display.status,

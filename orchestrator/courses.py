@@ -19,8 +19,10 @@ SPACING = 0.5e-3
 #: discretisation. A quadratic is fitted, so that neither a steady rise nor a bend of the signal counts as noise.
 SMOOTHING = 0.02
 
+#: Wheels that a course is about.
+WHEELS = ("front", "rear")
+
 _SMOOTHED = round(SMOOTHING / SPACING) + 1
-_WHEELS = ("front", "rear")
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Course:
 
     def __init__(self, result: xr.Dataset):
         self._wheels = {wheel.name: wheel for wheel in wheels_of(result)}
-        if not set(_WHEELS) <= self._wheels.keys():
+        if not set(WHEELS) <= self._wheels.keys():
             raise ResultError(f"the result has the wheels {', '.join(self._wheels)}: a comparison needs a front and a rear one")
         x = self._wheels["rear"].centre("x")
         # The row at the start comes before the contacts' first step: it has poses, but no forces.

@@ -91,6 +91,18 @@ def swept_keys(
     return {key: lists[key] for key in [*(key for key in overrides or {} if key in lists), *lists]}
 
 
+def wheels_in(source: str | Path) -> list[str]:
+    """Names of an experiment's wheels. Raises ExperimentError if its file is wrong."""
+    *_, rig = _read(source, None, None, {})
+    return list(rig.tiers)
+
+
+def meant_for(tiers: Iterable[str], others: Iterable[str], overrides: Mapping[str, object] | None) -> dict[str, object]:
+    """``overrides`` of a run with wheels on ``tiers``, without those that are for other tiers, on which only other runs of a series are."""
+    elsewhere = {str(tier).lower() for tier in others} - {str(tier).lower() for tier in tiers}
+    return {key: value for key, value in (overrides or {}).items() if key.partition(".")[0] not in elsewhere}
+
+
 def _read(source: str | Path, tiers: Sequence[str] | None, soil: str | Path | None, overrides: Mapping[str, object]) -> tuple:
     """File, its text, its tables with the options' values in place, key -> the command line's option that gave it, kind of experiment."""
     path = EXPERIMENTS.get(str(source), Path(source))
@@ -197,16 +209,7 @@ class Experiment:
     @property
     def warnings(self) -> list[str]:
         """What the user should know of values that are all allowed."""
-        if self._usable_widths is None:
-            return []
-        low, high = self._usable_widths
-        width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)
-        if low <= width <= high:
-            return []
-        return [
-            f"{self._place('wheel', 'b_w')}: wheel.b_w = {width:g} m: the soil's plate tests are good for wheels {low:.3g} to {high:.3g} m "
-            "wide (widths in its file); test plates whose radius is nearer to the wheel's width"
-        ]
+        return [*self._idle_options(), *self._width_outside()]
 
     @property
     def start_is_given(self) -> bool:
@@ -224,6 +227,28 @@ class Experiment:
             raise ExperimentError(f"{self._file}: {error}") from error
 
     # -- checks
+
+    def _idle_options(self) -> list[str]:
+        """Options that set a value of a tier without wheel; the file's own sections may wait for one."""
+        idle = {tier.lower(): tier for tier in TIERS if tier.lower() not in self._models}
+        on = ", ".join(dict.fromkeys(self.tiers.values()))
+        return [
+            f"{option}: it has no effect: no wheel is on {idle[section]}, only on {on}"
+            for key, option in self._options.items()
+            if (section := key.partition(".")[0]) in idle
+        ]
+
+    def _width_outside(self) -> list[str]:
+        if self._usable_widths is None:
+            return []
+        low, high = self._usable_widths
+        width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)
+        if low <= width <= high:
+            return []
+        return [
+            f"{self._place('wheel', 'b_w')}: wheel.b_w = {width:g} m: the soil's plate tests are good for wheels {low:.3g} to {high:.3g} m "
+            "wide (widths in its file); test plates whose radius is nearer to the wheel's width"
+        ]
 
     def _tiers(self, tables: Mapping) -> dict[str, str]:
         section = next(iter(self.rig.tiers.values())).rpartition(".")[0]

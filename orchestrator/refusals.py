@@ -47,3 +47,13 @@ class Commands(TyperGroup):
 def say(text: str) -> None:
     """Print a line on stderr, out of what a script reads."""
     print(text, file=sys.stderr)
+
+
+def require_platform() -> None:
+    """End the command where no FMU runs."""
+    if sys.platform not in ("linux", "win32"):
+        say(
+            f"error: FMUs run on Linux and Windows, not on {sys.platform}: use one of them or a container; "
+            "results can be plotted, compared and exported here, and the models called from Python"
+        )
+        raise typer.Exit(2)

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
-import multiprocessing
-import os
 import re
-import signal
-import sys
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from .drive import facts_of, simulate
-from .experiment import swept_keys
+from .experiment import meant_for, swept_keys
 from .measured import Measured
 from .measurement import SWEEP
 from .run import RunError
+from .side_by_side import Crew
 from .testbed_picture import sweep_picture
 
 
@@ -138,34 +133,36 @@ def run_sweep(
     *,
     overrides: Mapping[str, object] | None = None,
     processes: int | None = None,
-    finished: Callable[[str, int, int], None] = lambda point, done, points: None,
+    status: Callable[[str], None] = lambda text: None,
     **options,
 ) -> Sweep:
     """Run all points of a sweep over ``keys``; a point that fails leaves the others alone. Arguments are those of :func:`sweep`.
 
-    ``finished`` is called with each point that is done, how many are, and how many there are.
+    ``status`` is called with a line for each point that starts or is done.
     """
     out = Path("results", Path(experiment).stem) if out is None else Path(out)
     points = [dict(zip(keys, values)) for values in product(*keys.values())]
     names = [describe(keys, point) for point in points]
-    jobs = [(experiment, out / _folder_name(name), {**(overrides or {}), **point}, options) for name, point in zip(names, points)]
+    jobs = []
+    for name, point in zip(names, points):
+        common = meant_for([point["tier"]], keys["tier"], overrides) if "tier" in keys else overrides or {}
+        jobs.append((experiment, out / _folder_name(name), {**common, **point}, options))
     sweep, results = Sweep(out, keys), {}
 
-    def keep(i: int, answer: dict[str, object] | str, warnings: list[str]) -> None:
-        results[i] = answer
+    def started(i: int) -> None:
+        status(f"{names[i]}: started, {len(points) - len(results)} of {len(points)} left")
+
+    def finished(i: int, answer: tuple[dict[str, object], list[str]] | None, error: str | None) -> None:
+        results[i], warnings = answer or (error, [])
         sweep.warnings += [f"{names[i]}: {text}" for text in warnings]
         sweep.rows = [points[k] | results[k] for k in sorted(results) if isinstance(results[k], dict)]
         sweep.failed = [points[k] | {"error": results[k]} for k in sorted(results) if isinstance(results[k], str)]
         sweep.write()
-        finished(names[i], len(results), len(points))
+        status(f"{names[i]}: {'failed' if error else 'done'}, {len(points) - len(results)} of {len(points)} left")
 
-    n_processes = min(processes or _cores(), len(points))
     try:
-        if n_processes == 1:
-            for i, job in enumerate(jobs):
-                keep(i, *_run_point(*job))
-        else:
-            _run_side_by_side(jobs, n_processes, keep)
+        with Crew(processes) as crew:
+            crew.work(_run_point, jobs, started, finished)
     except KeyboardInterrupt:
         sweep.interrupted = True
     return sweep
@@ -180,49 +177,9 @@ def _folder_name(name: str) -> str:
     return re.sub(r"[^\w.,=+-]+", "_", name)
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _run_point(experiment, out: Path, overrides: dict, options: dict) -> tuple[dict[str, object] | str, list[str]]:
-    """What one point measures, or why it failed; and its run's warnings."""
-    try:
-        outcome = simulate(experiment, out, overrides=overrides, **options)
-        if outcome.status == "interrupted":
-            raise KeyboardInterrupt
-        return facts_of(outcome), outcome.warnings
-    except Exception as error:  # whatever it is, the other points are not to be lost
-        return f"{error}" if type(error).__module__.startswith(("orchestrator", "cdl_fmu")) else f"{type(error).__name__}: {error}", []
-
-
-def _run_side_by_side(jobs: list[tuple], n_processes: int, keep: Callable) -> None:
-    """Run points in processes of their own: FMUs written in Python share one interpreter within a process."""
-    others = set(multiprocessing.active_children())
-    # Ctrl-C reaches all processes of a terminal: it ends those that run a point through this one.
-    context, ignore = multiprocessing.get_context("spawn"), (signal.SIGINT, signal.SIG_IGN)
-    executor = ProcessPoolExecutor(n_processes, mp_context=context, initializer=signal.signal, initargs=ignore)
-    try:
-        with _path_without_fmus():
-            futures = {executor.submit(_run_point, *job): i for i, job in enumerate(jobs)}
-        for future in as_completed(futures):
-            if error := future.exception():
-                keep(futures[future], f"its process ended: {error or type(error).__name__}", [])
-            else:
-                keep(futures[future], *future.result())
-    except BaseException:
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        raise
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _path_without_fmus():
-    """New processes inherit the path of modules: each FMU that this one ran has put its folder there, with a pythonfmu that builds none."""
-    before = list(sys.path)
-    sys.path[:] = [folder for folder in before if not Path(folder, "slavemodule.txt").exists()]
-    try:
-        yield
-    finally:
-        sys.path[:] = before
+def _run_point(experiment, out: Path, overrides: dict, options: dict) -> tuple[dict[str, object], list[str]]:
+    """What one point measures, and its run's warnings."""
+    outcome = simulate(experiment, out, overrides=overrides, **options)
+    if outcome.status == "interrupted":
+        raise KeyboardInterrupt
+    return facts_of(outcome), outcome.warnings

@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import binary_dilation
 
 from cdl_fmu.frames import axis_rotation
-from cdl_fmu.scm import SCM
 from cdl_fmu.scm.erosion import repose_of
-from cdl_fmu.scm.pool import Heights, heights
-from cdl_fmu.scm.tiles import FILL, QUANTUM, SINKAGE, SLIDING, STAMP, TILE, TILE_I, TILE_J, let_slide, touch
+from cdl_fmu.scm.tiles import STAMP, TILE, TILE_I, TILE_J
 from cdl_fmu.slave.model import Instance
+from orchestrator.validate.sand import fields, heap, scm, slopes, surface, volume_error, wait_for_rest  # noqa: F401 - some are for tests
 
 R = B = 0.125
 LOAD = 27 * 9.81
@@ -20,13 +18,6 @@ ALONG_X, ALONG_Y = (1.0, 0.0), (0.0, 1.0)
 BARE = dict(n_g=0, c_d=0, tau_r=0, strength="plates", k_0=2e8)
 #: Soil that is pressed and nothing else: all of it compacted, none dragged along, no landslides.
 STILL = dict(plasticity=0, transport_depth=0, erosion_sweeps=0)
-
-
-def scm(n_wheels=1, **parameters) -> Instance:
-    instance = Instance(SCM(n_wheels), "scm", **parameters)
-    instance.u.wheel["active"] = 0.0
-    instance.initialise()
-    return instance
 
 
 def towards(degrees: float) -> tuple[float, float]:
@@ -109,45 +100,6 @@ def on_soil(heading=ALONG_X, at=(0.0, 0.0), load=LOAD, camber=0.0, **parameters)
     return carriage
 
 
-def fields(instance: Instance, field: int) -> np.ndarray:
-    """A field of all touched cells, [n, TILE, TILE]."""
-    return instance.pool.rows[: instance.pool.head[0], field]
-
-
-def volume_error(instance: Instance) -> float:
-    """Soil that is there and soil that was compacted, less what there was, as height on one cell [m]."""
-    return float(fields(instance, FILL).sum() - fields(instance, SINKAGE).sum()) + float(instance.x.compacted)
-
-
-def surface(instance: Instance) -> Heights:
-    return heights(instance.pool.save(), float(instance.p.cell))
-
-
-def heap(height, reach: float, **parameters) -> Instance:
-    """Loose soil that is about to slide: ``height(x, y)`` [m] up to ``reach`` [m] from the origin along both axes; no wheel near."""
-    instance = scm(**parameters)
-    cell = float(instance.p.cell)
-    n = math.ceil(reach / (cell * TILE))
-    for i in range(-n * TILE, n * TILE, TILE):
-        for j in range(-n * TILE, n * TILE, TILE):
-            instance.pool.reserve()
-            rows, marks, head, ground, frame = instance.pool.arrays[:5]
-            row = touch(instance.p, rows, marks, head, ground, frame, i // TILE, j // TILE)
-            x, y = np.meshgrid((i + np.arange(TILE)) * cell, (j + np.arange(TILE)) * cell, indexing="ij")
-            rows[row, FILL] = np.round(height(x, y) / QUANTUM) * QUANTUM
-            let_slide(instance.p, rows, marks, head, ground, frame, i, i + TILE - 1, j, j + TILE - 1)
-    return instance
-
-
-def wait_for_rest(instance: Instance, most=10.0, h=0.01):
-    """Step without wheels until nothing slides; fails after ``most`` [s]."""
-    for k in range(round(most / h)):
-        if instance.pool.head[SLIDING] == 0:
-            return
-        instance.step(k * h, h)
-    raise AssertionError(f"soil still slides after {most} s")
-
-
 def stamps(instance: Instance) -> np.ndarray:
     """Number of the last step in which a tool worked on each cell, on the nodes of ``surface``."""
     n = int(instance.pool.head[0])
@@ -174,17 +126,3 @@ def excess(instance: Instance, waited=0, away=0.0) -> tuple[float, float]:
     straight = steepest([(z[1:], z[:-1]), (z[:, 1:], z[:, :-1])], 1.0)
     diagonal = steepest([(z[1:, 1:], z[:-1, :-1]), (z[1:, :-1], z[:-1, 1:])], math.sqrt(2.0))
     return straight, diagonal
-
-
-def slopes(instance: Instance, top: float, directions=32) -> np.ndarray:
-    """Slope [rad] of a heap around the origin between 0.2 and 0.8 of its height ``top`` [m], by direction."""
-    soil = surface(instance)
-    axes = [o + soil.spacing * np.arange(n) for o, n in zip(soil.origin, soil.z.shape)]
-    height = RegularGridInterpolator(axes, soil.z)
-    r = np.arange(0.0, min(map(np.max, axes)), 0.25 * soil.spacing)
-    out = []
-    for a in 2.0 * math.pi * np.arange(directions) / directions:
-        h = height(np.stack([r * math.cos(a), r * math.sin(a)], axis=1))
-        flank = (h > 0.2 * top) & (h < 0.8 * top)
-        out.append(math.atan(-np.polyfit(r[flank], h[flank], 1)[0]))
-    return np.array(out)

@@ -24,7 +24,7 @@ from scipy.io import loadmat
 from typer.testing import CliRunner
 
 from fmus import SHIPPED
-from orchestrator import cli, drive, terminal
+from orchestrator import checkout, cli, drive, terminal
 from orchestrator.info import fold
 from orchestrator.results import Channel, ResultWriter, open_result
 from orchestrator.schemes import SCHEMES
@@ -81,7 +81,7 @@ def write_result(path, values, name="a.f[1]"):
 
 def test_help_shows_every_command_with_an_example():
     text = cdl("--help").stdout
-    for name in ("run", "build", "info", "plot", "export", "diff", "identify", "doctor"):
+    for name in ("run", "build", "info", "plot", "export", "diff", "identify", "validate", "doctor"):
         assert re.search(rf"^ cdl {name}\b", text, re.MULTILINE)
         assert f"cdl {name}" in cdl(name, "--help").stdout
     assert "Usage" in cdl().stdout
@@ -278,10 +278,10 @@ def test_build_refuses_what_there_is_not(tmp_path):
     assert "body[1].mesh = rock.stl is 100 m across: the file is most likely in millimetres; scale it by 0.001" in text
 
 
-def test_build_goes_into_a_checkout_only(tmp_path, monkeypatch):
-    assert cli._build_folder() == Path(cli.__file__).parents[1] / "fmus" / "build"
-    monkeypatch.setattr(cli, "__file__", str(tmp_path / "site-packages" / "orchestrator" / "cli.py"))
-    assert cli._build_folder() == Path("fmus/build")
+def test_what_belongs_to_a_checkout_goes_into_one_only(tmp_path, monkeypatch):
+    assert checkout.home() == Path(checkout.__file__).parents[1]
+    monkeypatch.setattr(checkout, "__file__", str(tmp_path / "site-packages" / "orchestrator" / "checkout.py"))
+    assert checkout.home() == Path()
 
 
 def test_info_names_everything_of_a_shipped_fmu():

@@ -68,6 +68,12 @@ def test_three_drives_that_differ_in_their_tiers(tmp_path, stage):
     assert stage.asked == [("two_wheel", run, tiers[run], options) for run in ("BxB", "SxB", "SxS")]
 
 
+def test_values_of_a_tier_go_to_the_drives_that_have_it(tmp_path, stage):
+    compare("two_wheel", tmp_path, overrides={"scm.cell": 0.02, "bcm.eta": 0.3, "soil.phi": 0.6})
+    given = [set(options["overrides"]) for *_, options in stage.asked]
+    assert given == [{"bcm.eta", "soil.phi"}, {"scm.cell", "bcm.eta", "soil.phi"}, {"scm.cell", "soil.phi"}]
+
+
 def test_facts_are_numbers_by_run_and_signal(tmp_path, stage):
     stage.drives["SxB"] |= {"front_F_x": 3.0, "rear_z": 0.098, "rear_y": lambda x: np.where(x > 0.2, 0.01, 0.0), "front_y": 0.02}
     facts = compare("two_wheel", tmp_path).facts()
@@ -136,6 +142,10 @@ def test_an_interrupt_ends_the_comparison(tmp_path, stage):
 def test_what_cannot_be_compared_is_refused(tmp_path, stage):
     with pytest.raises(RunError, match=r"rover.ssp is a finished system, .* compare an experiment, such as two_wheel"):
         compare("rover.ssp", tmp_path)
+    text = "single_wheel has the wheel wheel: a comparison needs a front and a rear wheel, as two_wheel has them"
+    with pytest.raises(RunError, match=text):
+        compare("single_wheel", tmp_path)
+    assert not stage.asked
     stage.drives["BxB"] |= {"names": ("left", "right")}
     with pytest.raises(ResultError, match="the result has the wheels left, right: a comparison needs a front and a rear one"):
         compare("two_wheel", tmp_path)
@@ -171,6 +181,9 @@ def test_results_go_where_the_experiment_says(tmp_path, stage, monkeypatch):
 def test_the_command_refuses_what_cannot_be_compared():
     done = cdl("compare", "rover.ssp")
     assert done.exit_code == 2 and done.stderr.startswith("error: rover.ssp is a finished system")
+    assert cdl("compare", "single_wheel").stderr.startswith(
+        "error: single_wheel has the wheel wheel: a comparison needs a front and a rear"
+    )
     text = "error: no experiment 'nowhere': use one of single_wheel, two_wheel or the path of a .toml file"
     assert text in cdl("compare", "nowhere").stderr
 

@@ -16,8 +16,8 @@ from cdl_fmu.soil.measurements import IdentifyError, read_plates, read_shear
 from cdl_fmu.soil.shear import fit_shear
 from cdl_fmu.soil.sinkage import fit_sinkage
 from orchestrator import cli
+from orchestrator.validate.cmu import PLATES as CMU
 
-CMU = Path(__file__).parent / "data" / "cmu_plates.csv"
 LAW = dict(k_c=-3e4, k_phi=2.5e6, n=1.1)
 
 
@@ -54,7 +54,7 @@ def plates(tmp_path):
 
 
 def test_measured_plates_of_cmu():
-    """Nine tests of Carnegie Mellon University, see data/SOURCES.md; the shipped set has Wong's fit of them from elsewhere."""
+    """Nine tests of Carnegie Mellon University, see SOURCES.md beside the file; the shipped set has Wong's fit of them from elsewhere."""
     fit, notes = fit_sinkage(read_plates(CMU)[0])
     shipped = load_soil("cmu_sand")
     for key in LAW:

@@ -45,9 +45,9 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(wheel):
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in (ROOT / package).rglob("*")
-        if path.suffix in (".py", ".toml") and ROOT / "fmus" / "build" not in path.parents
+        if (path.suffix in (".py", ".toml") or path.parent.name == "data") and ROOT / "fmus" / "build" not in path.parents
     }
-    assert "cdl_fmu/soil/mss_d.toml" in wanted and "fmus/two_wheel.toml" in wanted
+    assert {"cdl_fmu/soil/mss_d.toml", "fmus/two_wheel.toml", "orchestrator/validate/data/cmu_plates.csv"} <= wanted
     with ZipFile(wheel) as archive:
         assert {name for name in archive.namelist() if ".dist-info/" not in name} == wanted
 
@@ -60,7 +60,7 @@ def test_the_wheel_says_what_it_is_and_needs(wheel):
     assert f"\nversion: {metadata['Version']}\n" in (ROOT / "CITATION.cff").read_text()
     assert metadata.get_payload().startswith("# ")
     assert b"cdl = orchestrator.cli:app" in content["entry_points.txt"]
-    assert b"BSD 3-Clause" in content["LICENSE"]
+    assert b"BSD 3-Clause" in content["LICENSE"] and b"Permission is hereby granted" in content["LICENSE.cmu.txt"]
 
 
 def test_a_cache_that_cannot_be_written_is_refused_with_the_remedy(tmp_path):

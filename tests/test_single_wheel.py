@@ -4,13 +4,14 @@ import csv
 import json
 import math
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_cli import cdl, refusal
 
 from fmus import EXPERIMENTS
-from orchestrator import open_result, single_wheel
+from orchestrator import open_result, side_by_side, single_wheel
 from orchestrator.assemble import assemble
 from orchestrator.experiment import ExperimentError, load_experiment
 from orchestrator.measured import MeasuredError, read_measured
@@ -54,7 +55,7 @@ def settings(*overrides):
 @pytest.fixture
 def one_core(monkeypatch):
     """Sweeps in this process: others take seconds to start."""
-    monkeypatch.setattr(single_wheel, "_cores", lambda: 1)
+    monkeypatch.setattr(side_by_side, "cores", lambda: 1)
 
 
 # -- settings
@@ -238,7 +239,8 @@ def test_a_stationary_part_hangs_neither_on_the_step_nor_on_the_travel(tier):
 def test_json_has_the_measurements_in_place_of_the_wheels(tmp_path):
     done = cdl("run", "single_wheel", *settings("slip=0.5", "slip_angle=0.26"), "--soil", "cmu_sand", "--json", "--out", tmp_path)
     facts = json.loads(done.stdout)
-    assert done.stderr == "" and "wheels" not in facts
+    assert done.stderr == "warning: --set scm.cell: it has no effect: no wheel is on SCM, only on BCM\n"
+    assert "wheels" not in facts
     assert facts["drawbar_pull_N"] == pytest.approx(point(slip=0.5, slip_angle=0.26)["drawbar_pull_N"], rel=1e-9)
 
 
@@ -293,6 +295,35 @@ def test_a_sweep_is_every_combination_in_the_order_given(tmp_path, one_core):
     assert cdl("plot", tmp_path).stdout == f"{tmp_path / 'sweep.png'}\n" and (tmp_path / "sweep.png").exists()
     # Each point is what it is alone.
     assert facts["runs"][1]["sinkage_m"] == pytest.approx(point("BCM", slip=0.4)["sinkage_m"], rel=1e-9)
+
+
+def test_a_sweep_says_what_runs_and_how_many_are_left(tmp_path, one_core):
+    said = []
+    run_sweep({"slip": [0.1, 0.2]}, "single_wheel", tmp_path, overrides={**SHORT, "tier": "BCM", "travel": 0.02}, status=said.append)
+    assert said == [
+        "slip=0.1: started, 2 of 2 left",
+        "slip=0.1: done, 1 of 2 left",
+        "slip=0.2: started, 1 of 2 left",
+        "slip=0.2: done, 0 of 2 left",
+    ]
+    done = cdl("run", "single_wheel", *settings("travel=0.02", "scm.cell=[0.02]", "tier=SCM"), "--out", tmp_path)
+    assert "scm.cell=0.02: started, 1 of 1 left\nscm.cell=0.02: failed, 0 of 1 left" in done.stderr
+
+
+def test_an_option_of_a_tier_without_wheel_is_said_to_do_nothing(tmp_path, monkeypatch, one_core):
+    def simulate(experiment, out, *, overrides, **options):
+        return SimpleNamespace(status="complete", warnings=load_experiment(experiment, overrides=overrides).warnings)
+
+    monkeypatch.setattr(single_wheel, "simulate", simulate)
+    monkeypatch.setattr(single_wheel, "facts_of", lambda outcome: {})
+    options = {"scm.cell": 0.01, "bcm.eta": 0.1}
+    warnings = run_sweep({"slip": [0.1]}, "single_wheel", tmp_path, overrides=options | {"tier": "BCM"}).warnings
+    assert warnings == ["slip=0.1: --set scm.cell: it has no effect: no wheel is on SCM, only on BCM"]
+    # In a sweep over tiers each has its own; a swept key is another matter.
+    keys = {"tier": ["BCM", "SCM"]}
+    assert run_sweep(keys, "single_wheel", tmp_path, overrides=options).warnings == []
+    warnings = run_sweep(keys | {"bcm.eta": [0.0, 0.1]}, "single_wheel", tmp_path, overrides=options).warnings
+    assert warnings == [f"tier=SCM,bcm.eta={eta}: --set bcm.eta: it has no effect: no wheel is on BCM, only on SCM" for eta in (0.0, 0.1)]
 
 
 def test_a_point_that_fails_leaves_the_others_alone(tmp_path, one_core):
