@@ -31,7 +31,7 @@ _SHALLOW = 0.02  # sinkage / diameter up to which the parabola of the Beta form 
 
 #: A smooth wheel in soil that bears, shears nothing, and is compacted where it is pressed.
 _BARE: Point = {"soil.set": _SET, "soil.phi": 0.0, "soil.c": 0.0, "soil.rho": 0.0, "wheel.n_g": 0, "slip": 0.0, "carriage_speed": 0.1}
-_PLASTIC: Point = {"scm.plasticity": 0.0, "scm.transport_depth": 0.0, "scm.erosion_sweeps": 0, "scm.k_e": 1e10}
+_PLASTIC: Point = {"scm.plasticity": 0.0, "scm.transport_depth": 0.0, "scm.erosion_sweeps": 0, "scm.strength": "plates", "scm.k_0": 1e10}
 _AT_REST: Point = {"carriage_speed": 0.0, "wheel_rate": 0.0, "run.stop_time": 3.0}
 
 

@@ -15,10 +15,13 @@ from .rows import Findings, Table, shown
 
 #: Constants, and whether they were chosen on tests of this wheel.
 _CONSTANTS = (
-    ("scm.k_e", False),
-    ("scm.mound_strength", False),
-    ("scm.ahead", False),
-    ("scm.transport_depth", False),
+    ("scm.softening", True),
+    ("scm.fan", True),
+    ("scm.behind", True),
+    ("scm.preshear", True),
+    ("scm.ahead", True),
+    ("scm.rebound", True),
+    ("scm.transport_depth", True),
     ("scm.plasticity", False),
     ("soil.K", False),
 )
