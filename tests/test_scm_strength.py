@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from soil import BARE, Carriage, scm
 
-from cdl_fmu.scm.strength import angle, critical_pressure, escape, log_of_friction, log_of_push, softened, strength_of, yield_pressure
+from cdl_fmu.strength import angle, critical_pressure, escape, log_of_friction, log_of_push, softened, strength_of, yield_pressure
 
 #: Sand and smooth wheel of the CMU single-wheel tests; 5 mm cells.
 SAND = dict(k_c=-2.335e5, k_phi=1.219e7, n=1.373, c=0.0, phi=math.radians(29.0), rho=1330.0, K=0.021)
@@ -16,7 +16,7 @@ WEIGHT = 24.0
 
 def strength(width=0.05, length=0.05, depth=0.02, speed=1.0, **parameters):
     p = scm(**SAND | WHEEL | parameters).p
-    return strength_of(p, p.phi, width, length, depth, speed)
+    return strength_of(p, True, p.phi, width, length, depth, speed)
 
 
 def test_friction_that_pushes_soil_to_where_it_escapes_takes_its_strength():

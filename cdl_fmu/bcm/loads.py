@@ -15,8 +15,19 @@ import math
 
 import numpy as np
 
+from ..contact import SLIP_FLOOR
 from ..slave.kernel import kernel
-from ..terramechanics import bekker, exit_share, janosi_velocity, mapped_shear_velocity, mohr_coulomb, rankine_wall, wong_reece_mirror
+from ..strength import escape, log_of_friction, softened, strength_of, yield_pressure
+from ..terramechanics import (
+    bekker,
+    exit_share,
+    flow_value,
+    janosi_velocity,
+    mapped_shear_velocity,
+    mohr_coulomb,
+    rankine_wall,
+    wong_reece_mirror,
+)
 
 #: Gauss-Legendre over theta and across the width: 1e-6 of the load with smooth shear, 1e-5 where the rim's slip changes its sign.
 _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(10))
@@ -84,6 +95,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
     two_part = p.normal_model == 2.0
     mapped = p.V_j_mode == 2.0
     shaped = driving(p, travel)
+    weak, forward = p.strength == 2.0, 1.0 if v_x >= 0.0 else -1.0
     tan_g = sin_g / cos_g
     v_n = v_a * sin_g + v_r * cos_g  # separating velocity of the centre from the plane
 
@@ -104,6 +116,8 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
         cos_1 = math.cos(theta_1)
         damping = max(0.0, 1.0 - p.c_d * (v_n + w_x * xi * cos_g))  # Hunt & Crossley 1975, own choice for soil
         cohesion = p.c * min(1.0, damping)  # no adhesion on separation
+
+        s = strength_of(p, weak, p.phi, p.b_w, p.r_w * math.sin(theta_1), p.r_w * (1.0 - cos_1), v_x)
 
         # Wong & Reece: largest stress at theta_m, ahead of nadir in the direction of travel, at nadir while at rest.
         # Part 0 is behind it, part 1 ahead; Bekker's stress has the second part only.
@@ -131,8 +145,6 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                     slope = -(lead - theta_m) / (theta_m - trail)
                     deepening -= math.sin(mirror) * (mirror - slope * theta) / (theta_1 * math.sin(theta_1))
                 z = p.r_w * cos_g * (cos_z - cos_1)
-                static = bekker(k_eq, z, p.n)
-                sigma = static * damping
                 V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
                 sin_v, cos_v = sin, cos
                 if mapped and abs(lead - theta) > 1e-6:
@@ -141,8 +153,13 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                     cos_v += shaped * ((math.sin(lead) - sin) / (lead - theta) - cos)
                 v_t = (v_x - w_r * xi) * cos_v + (v_r + w_x * xi) * sin_v - w_a * r_s
                 v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
+                speed = math.sqrt(v_t * v_t + v_l * v_l)
+                phi_m = janosi_velocity(speed, V_j)
+                static = bekker(k_eq, z, p.n)
+                if weak:
+                    static = _weakened(p, s, tan_phi, static, z, theta, lead, forward, shaped, v_x, v_t, v_l, speed, phi_m)
+                sigma = static * damping
                 tau_max = mohr_coulomb(cohesion, sigma, tan_phi)
-                phi_m = janosi_velocity(math.sqrt(v_t * v_t + v_l * v_l), V_j)
                 g = tau_max * phi_m
                 tau_t, tau_l = -g * v_t, -g * v_l  # Eq. (8.6)
                 p_x = tau_t * cos - sigma * sin
@@ -167,6 +184,33 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                         k_z += p.n * sigma / z * deepening * share * dA
                 k_z += (p_r * cos_g + (p_side + tau_l) * sin_g) * growth
     return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength
+
+
+@kernel
+def _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, v_t, v_l, speed, phi_m):
+    """What is left of the pressure that dense soil bears at theta, where it has been sheared since it entered the contact at lead.
+
+    Args:
+        s: Strength, see ``strength_of``.
+        dense, z: Pressure [Pa] at the depth z [m].
+        v_t, v_l, speed: Shear velocity along the rim and the axle, and its length [m/s]; phi_m: mobilisation per velocity [s/m].
+    """
+    if z <= 0.0:
+        return dense
+    per_travel = shaped / max(abs(v_x), SLIP_FLOOR)
+    path = speed * p.r_w * abs(math.sin(lead) - math.sin(theta)) * per_travel
+    # Soil ahead of a wheel in skid is sheared in the passive wedge that it pushes.
+    path += p.preshear * s.depth * math.sqrt(flow_value(p.phi)) * max(forward * v_t, 0.0) * per_travel
+    ahead, beside = forward * phi_m * v_t * tan_phi, phi_m * abs(v_l) * tan_phi
+    share = escape(
+        s,
+        forward * theta,
+        forward * math.sin(theta),
+        log_of_friction(tan_phi, ahead),
+        log_of_friction(tan_phi, -ahead),
+        log_of_friction(tan_phi, beside),
+    )
+    return yield_pressure(s, dense, z, 0.0, softened(s, path), share)
 
 
 @kernel

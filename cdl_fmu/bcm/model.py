@@ -23,6 +23,7 @@ from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing
+from ..strength import STRENGTH
 from ..terrain.patch import surface
 from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
@@ -43,7 +44,8 @@ class BCM(KernelModel):
     """Bekker based contact model: wheels in sand whose ground is one plane a wheel.
 
     Bekker's normal stress (8.5) and a shear stress by shear velocity (8.6), limited by Mohr and Coulomb (8.7), are integrated
-    over the rim between the entry and the exit angle; grousers and wheel sides bear Rankine's passive earth pressure (8.8).
+    over the rim between the entry and the exit angle; grousers and wheel sides bear Rankine's passive earth pressure (8.8). With
+    ``strength`` = critical_state soil below the rim loses strength as it is sheared and pushed along, and the wheel sinks by its slip.
 
     Known limit: the exit angle follows the rim's speed even where the wheel stands still, so on soil with almost no friction
     (phi below 0.05 rad) a spinning wheel is pushed backwards and the contact gives up to 1 W; from 0.2 rad on it only takes power.
@@ -58,6 +60,7 @@ class BCM(KernelModel):
         ENVIRONMENT
         | SOIL
         | WHEEL
+        | STRENGTH
         | Record(
             ground_z=Real(0.0, "m", "Height of the undeformed ground; sinkage counts from it, on a patch too", min=-1e6, max=1e6),
             eta=Real(0.5, "1", "Least ratio of exit to entry angle, reached when driving", min=0.0, max=1.0),
@@ -67,6 +70,11 @@ class BCM(KernelModel):
             normal_model=Choice("Normal stress over the rim", bekker="Bekker at local sinkage", wong_reece="two parts, 0 at the exit"),
             c_1=Real(0.43, "1", "Angle of the largest normal stress / entry angle at slip 0; used by wong_reece", min=0.0, max=0.95),
             c_2=Real(0.32, "1", "Its increase with slip; used by wong_reece", min=-0.95, max=0.95),
+            strength=Choice(
+                "Strength of soil that is sheared and pushed along",
+                plates="what plates measured, everywhere",
+                critical_state="falls from what plates measured to its critical state: slip sinkage",
+            ),
             c_d=Real(1.9, "s/m", "Normal damping: stress grows by this times the sinking speed (1.9: 28 % of critical)", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces and sides", min=0.0, max=1.0),
             tau_n=Real(0.02, "s", "Time constant of the low-pass on the contact plane; used on a patch", min=0.0, max=10.0),

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
+from ..strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
 from ..terramechanics import flow_value
 from .columns import (
     ACROSS,
@@ -75,7 +76,6 @@ from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
 from .stress import deepest_of_table, mobilised, power, pressure, remembered, unloading_stiffness, whole
 from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
@@ -139,7 +139,7 @@ def cloud_contact(
     per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
     v_0 = tool.v_0
     speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
-    strength = strength_of(p, repose_of(p), width, sums[LENGTH], sums[DEPTH], along)
+    strength = strength_of(p, p.strength == 1.0, repose_of(p), width, sums[LENGTH], sums[DEPTH], along)
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])

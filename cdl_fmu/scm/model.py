@@ -21,6 +21,7 @@ from ..slave.kernel import MOST_THREADS
 from ..slave.model import Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing
+from ..strength import STRENGTH
 from ..terrain.raster import load_raster
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
@@ -51,6 +52,7 @@ class SCM(KernelModel):
         ENVIRONMENT
         | SOIL
         | WHEEL
+        | STRENGTH
         | Record(
             ground_z=Real(
                 0.0, "m", "Height of the undisturbed ground, from which sinkage counts; a base raster has heights of its own", (), -1e6, 1e6
@@ -69,14 +71,6 @@ class SCM(KernelModel):
                 critical_state="falls from what plates measured to its critical state",
                 plates="what plates measured, everywhere",
             ),
-            softening=Real(
-                0.7, "1", "Path of slip over which dense soil falls to its critical state, over K; 0 = it stays dense", min=0.0, max=1e3
-            ),
-            preshear=Real(0.5, "1", "Share of the passive wedge's length ahead along which pushed soil is sheared", min=0.0, max=10.0),
-            fan=Real(
-                0.6, "1", "Share of the loss of strength by a tilted base that counts: the rest escapes to the sides", min=0.0, max=1.0
-            ),
-            behind=Real(0.43, "1", "Share of the loss of strength by push that counts towards the rut behind", min=0.0, max=1.0),
             tau_r=Real(0.1, "s", "Time by which the shear velocity adds to the shear displacement", min=0.0, max=10.0),
             c_d=Real(1.9, "s/m", "Normal damping: pressure grows by this times the wheel's sinking speed", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces", min=0.0, max=1.0),

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
+from ..strength import angle, escape, log_of_push, softened, yield_pressure
 from ..terramechanics import flow_value, janosi_displacement
-from .strength import angle, escape, log_of_push, softened, yield_pressure
 from .stress import counted, power, pressure, remembered, secant_share, unloading_stiffness, whole
 from .tiles import POINTS
 

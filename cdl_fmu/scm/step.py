@@ -14,6 +14,7 @@ import numba
 from ..contact import NO_DATA, has_pose, refusal, sees
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN
+from ..strength import tabulate_pushes
 from .bodies import (
     BODY_NO_DATA,
     BODY_THROUGH,
@@ -29,7 +30,6 @@ from .columns import CELLS, DEEPEST, DEPTH, LENGTH, PUSHED_X, PUSHED_Y, SIDE_ACR
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
-from .strength import tabulate_pushes
 from .stress import deepest_of_table, pressure_modulus, tabulate
 from .tiles import SLIDING
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
+from ..strength import strength_of
 from ..terramechanics import flow_value, janosi_displacement, rankine_wall
 from .columns import (
     ACROSS,
@@ -59,7 +60,6 @@ from .columns import (
 from .erosion import repose_of
 from .grousers import dragged_layer, grousers
 from .rim import BLOCK, STEEPEST, attitude, press_and_shear
-from .strength import strength_of
 from .stress import counted, deepest_of_table, remembered, secant_share, whole
 from .tiles import (
     BASE,
@@ -139,7 +139,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
     level, h_x, h_y, tilt = attitude(wheel)
     l_x, l_y, per_level = -h_y, h_x, 1.0 / level
     speed = wheel.v_0[0] * h_x + wheel.v_0[1] * h_y
-    strength = strength_of(p, repose_of(p), p.b_w, sums[LENGTH], sums[DEPTH], speed)
+    strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, sums[LENGTH], sums[DEPTH], speed)
     sideward = wheel.v_0[0] * l_x + wheel.v_0[1] * l_y
     # Soil beside a wheel that slides is sheared in the passive wedge of the side that pushes it, as deep as it is when it gets below.
     wedge = p.preshear * math.sqrt(flow_value(p.phi)) * abs(sideward) / max(math.hypot(wheel.v_0[0], wheel.v_0[1]), 1e-9)

@@ -17,8 +17,8 @@ from .rows import Findings, Row, absolute, limited, relative, rms
 
 #: First and last slip that roots of mean squares are taken over.
 _FIRST, _LAST = -0.5, 0.9
-#: Settings that switch on BCM's law of slip sinkage; None: it has none.
-_SLIP_SINKAGE: dict[str, object] | None = None
+#: Settings that switch on BCM's law of slip sinkage.
+_SLIP_SINKAGE = {"bcm.strength": "critical_state"}
 _WITH_LAW = "BCM, slip sinkage"
 
 # Bars: sinkage relative to the measured one, drawbar pull in loads W.
@@ -55,12 +55,10 @@ class Point:
 def check(bench: Bench) -> Findings:
     """Smooth wheel over slip"""
     levels = cmu.levels(bench.quick)
-    models: dict[str, tuple[str, dict]] = {"SCM": ("SCM", {}), "BCM": ("BCM", {})}
-    if _SLIP_SINKAGE is not None:
-        models[_WITH_LAW] = "BCM", _SLIP_SINKAGE
+    models: dict[str, tuple[str, dict]] = {"SCM": ("SCM", {}), "BCM": ("BCM", {}), _WITH_LAW: ("BCM", _SLIP_SINKAGE)}
     facts = iter(bench.measure([cmu.point(tier, level, settings) for tier, settings in models.values() for level in levels]))
     curves = {model: [_point(level, next(facts)) for level in levels] for model in models}
-    rows = [*_scm(curves["SCM"]), *_bcm(curves["BCM"]), *_slip_sinkage(curves.get(_WITH_LAW))]
+    rows = [*_scm(curves["SCM"]), *_bcm(curves["BCM"]), *_slip_sinkage(curves[_WITH_LAW])]
     note = (
         "Wheel of 58 mm radius and 50 mm width at 10 mm/s on dry sand whose law of sinkage is from plate tests, under the mean load W of "
         "the trials at each slip; errors are from the mean of the trials. The figure has each trial with its standard deviation; hollow: "
@@ -108,10 +106,7 @@ def _bcm(points: Sequence[Point]) -> list[Row]:
     return rows
 
 
-def _slip_sinkage(points: Sequence[Point] | None) -> list[Row]:
-    if points is None:
-        bar = -_BCM_SINKAGE, _BCM_SINKAGE
-        return [Row(_WITH_LAW, cmu.NAME, "sinkage", computed="BCM has no law of it", error_unit="share", bar=bar)]
+def _slip_sinkage(points: Sequence[Point]) -> list[Row]:
     return [_sinkage(_WITH_LAW, p, _BCM_SINKAGE) for p in points if _FIRST <= p.level.slip <= _LAST]
 
 

@@ -16,9 +16,20 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ..contact import SLIP_FLOOR
-from ..slave.kernel import kernel
-from ..terramechanics import flow_value
+from .contact import SLIP_FLOOR
+from .slave.kernel import kernel
+from .slave.records import Real, Record
+from .terramechanics import flow_value
+
+#: Constants of the law. All were chosen on the CMU tests of a smooth wheel (see validation/), within what the theory says.
+STRENGTH = Record(
+    softening=Real(
+        0.7, "1", "Path of slip over which dense soil falls to its critical state, over K; 0 = it stays dense", min=0.0, max=1e3
+    ),
+    preshear=Real(0.5, "1", "Share of the passive wedge's length ahead along which pushed soil is sheared", min=0.0, max=10.0),
+    fan=Real(0.6, "1", "Share of the loss of strength by a tilted base that counts: the rest escapes to the sides", min=0.0, max=1.0),
+    behind=Real(0.43, "1", "Share of the loss of strength by push that counts towards the rut behind", min=0.0, max=1.0),
+)
 
 
 class Strength(NamedTuple):
@@ -29,6 +40,7 @@ class Strength(NamedTuple):
     surcharge: float  # pressure per depth that soil beside the tool adds [Pa/m]
     deepening: float  # its increase by depth over width [1]
     width: float  # the smaller side of the contact [m]
+    depth: float  # of the contact [m]
     weight: float  # pressure that the weight of the soil below adds [Pa]
     along: float  # exponents of the loss by push along the tool's heading and across it [1]
     across: float
@@ -43,32 +55,36 @@ class Strength(NamedTuple):
 #: 1991, loose sand).
 _WALL_MODULUS = 0.013
 
+_LEAST = 1e-3  # [m] length of a contact
+
 
 @kernel
-def strength_of(p, phi_cs, width, length, depth, speed):
+def strength_of(p, critical, phi_cs, width, length, depth, speed):
     """Strength below a tool.
 
     Args:
+        critical: False if soil bears everywhere what plates measured.
         phi_cs: Angle of repose [rad], at which soil at its critical state is.
         width, length, depth: Of the contact, across and along the tool's heading, and down [m].
         speed: Along the heading [m/s]; a tool at rest leaves no rut behind.
     """
     tan_phi = math.tan(p.phi)
-    if p.strength == 2.0:
-        return Strength(0.0, 0.0, 0.0, 0.0, p.cell, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
-    b = max(min(width, length), p.cell)
-    ratio = b / max(width, length, p.cell)
+    if not critical:
+        return Strength(0.0, 0.0, 0.0, 0.0, _LEAST, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
+    b = max(min(width, length), _LEAST)
+    ratio = b / max(width, length, _LEAST)
     tan_cs, sin_cs = math.tan(phi_cs), math.sin(phi_cs)
     N_q = flow_value(phi_cs) * math.exp(math.pi * tan_cs)  # Prandtl 1920, Reissner 1924
     N_gamma = 2.0 * (N_q + 1.0) * tan_cs  # Vesic 1975
     gamma_s, N_phi = p.rho * p.gravity, flow_value(p.phi)
-    shape = max(length, p.cell) / width
+    shape = max(length, _LEAST) / width
     return Strength(
         1.0 / (p.softening * p.K) if p.softening > 0.0 else 0.0,
         1.0,
         gamma_s * N_q * (1.0 + ratio * tan_cs),  # with the shape factor s_q
         2.0 * tan_cs * (1.0 - sin_cs) ** 2,  # Hansen 1970, d_q up to a depth of the width
         b,
+        depth,
         0.5 * gamma_s * b * N_gamma * (1.0 - 0.4 * ratio),  # with the shape factor s_gamma
         # Vesic 1975: m = (2 + l/b) / (1 + l/b) along the contact, in units of the 2 of a long footing pushed across.
         0.5 * (2.0 + shape) / (1.0 + shape),
@@ -78,7 +94,7 @@ def strength_of(p, phi_cs, width, length, depth, speed):
         p.behind + (1.0 - p.behind) * math.exp(-abs(speed) / SLIP_FLOOR),
         # Soil rises against the face, whose friction adds to its pressure, and fails in a wedge that is wider than the face by as much as
         # two thirds of its own length.
-        math.exp(log_of_friction(tan_phi, -tan_phi)) * (1.0 + 2.0 / 3.0 * math.sqrt(N_phi) * depth / max(length, p.cell)),
+        math.exp(log_of_friction(tan_phi, -tan_phi)) * (1.0 + 2.0 / 3.0 * math.sqrt(N_phi) * depth / max(length, _LEAST)),
         min(p.K, max(_WALL_MODULUS * depth, 1e-6)),
     )
 
