@@ -412,7 +412,7 @@ def test_json_holds_all_of_it(tmp_path, plates):
     assert facts.keys() == {"soil", "picture", "values", "fit", "notes"}
     assert Path(facts["picture"]) == tmp_path / "new" / "sand.png" and Path(facts["picture"]).stat().st_size > 1e4
     assert facts["values"].keys() == SOIL.fields.keys()
-    assert facts["values"]["n"]["value"] == pytest.approx(1.1) and facts["values"]["rho"]["value"] == 1500.0
+    assert facts["values"]["n"]["value"] == pytest.approx(1.1) and facts["values"]["rho"]["value"] == 1400.0
     assert {"goodness", "covariance", "b_crit", "widths", "with_offset", "shear_tests"} <= facts["fit"].keys()
     assert load_soil(facts["soil"])["K"] == facts["values"]["K"]["value"]
 

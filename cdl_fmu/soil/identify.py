@@ -18,8 +18,8 @@ from .measurements import IdentifyError, read_plates, read_shear, spans
 from .shear import Shear, fit_shear
 from .sinkage import PARAMETERS, Sinkage, fit_sinkage
 
-#: Bulk density [kg/m3] where none is given.
-_RHO = 1500.0
+#: Bulk density [kg/m3] where none is given: quartz sand, 2650 kg/m3, that was poured to a void ratio of 0.9.
+_RHO = 1400.0
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def identify(
     for key, value in values.items():
         if said := _violation(key, value.value):
             raise IdentifyError(f"{shear.name if key in ('c', 'phi', 'K') else plates.name}: the tests give {said}; check the columns")
-    values.setdefault("rho", Value(_RHO, "assumption: dry sand; not measured, give --rho"))
+    values.setdefault("rho", Value(_RHO, "assumption: poured dry sand; not measured, give --rho: sheared soil bears in proportion to it"))
     lacking = "missing: no shear tests were given; measure it (cdl identify --shear), give {}, or set soil.{} in the experiment"
     values = {key: values.get(key) or Value(None, lacking.format(_option(key), key)) for key in SOIL.fields}
     return Identification(plates.name, None if shear is None else shear.name, values, sinkage, other, sheared, notes)
