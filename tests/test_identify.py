@@ -192,7 +192,7 @@ def test_what_is_given_wins_and_the_rest_is_fitted_with_it(tmp_path, plates):
     assert "K = 0.025 m is given and wins over the tests" in given.notes
     assert identify(plates, shear, phi=0.55).values["c"].value > alone.values["c"].value + 100.0
     assert identify(plates, phi=0.5).missing == ["c", "K"]
-    assert identify(plates).values["rho"].sentence == "assumption: dry sand; not measured, give --rho"
+    assert identify(plates).values["rho"].sentence.startswith("assumption: poured dry sand; not measured, give --rho")
 
 
 def test_tests_at_one_pressure_need_c_or_phi(tmp_path, plates):
