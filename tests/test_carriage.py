@@ -109,7 +109,8 @@ def test_without_ground_the_wheel_falls_once_it_was_lowered():
 @pytest.mark.parametrize("contact", [BCM, SCM])
 @pytest.mark.parametrize("load", [24.0, 265.0])
 def test_the_wheel_comes_down_to_rest_without_ever_being_deeper(contact, load, h):
-    testbed = Testbed(soft(contact), load=load, speed=0.0, wheel_rate=0.0)
+    # Loose soil that heaves beside the wheel makes it creep on below the edges: not what is asked here.
+    testbed = Testbed(soft(contact, strength="plates"), load=load, speed=0.0, wheel_rate=0.0)
     rows = testbed.run(1.0, h)
     assert np.all(rows[:, 4] <= 1e-9)  # never rises: soil remembers how deep it was pressed
     assert rows[-1, 5] == pytest.approx(load, rel=0.01)

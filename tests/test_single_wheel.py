@@ -163,14 +163,14 @@ def test_bad_lines_of_a_file_are_named(tmp_path):
 
 @BOTH
 def test_a_driving_wheel_pulls_and_a_locked_one_drags(tier):
-    driving, locked = point(tier, slip=0.5), point(tier, slip=-1.0)
+    driving, locked = point(tier, slip=0.5), point(tier, slip=-1.0, travel=0.8)
     assert driving["drawbar_pull_N"] > 0.0 and driving["torque_Nm"] > 0.0
     assert locked["drawbar_pull_N"] < -0.3 * 24.0 and locked["torque_Nm"] < 0.0
     assert locked["wheel_rate"] == 0.0
     for facts in (driving, locked):
         assert facts["normal_load_N"] == pytest.approx(24.0, rel=0.01)
         assert abs(facts["lateral_force_N"]) < 1e-6
-        assert 0.005 < facts["sinkage_m"] < 0.03
+        assert 0.005 < facts["sinkage_m"] < 0.055
 
 
 @BOTH

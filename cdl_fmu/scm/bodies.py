@@ -7,12 +7,13 @@ import math
 from ..contact import PATIENCE, has_pose
 from ..slave.kernel import kernel
 from .cloud import cloud_contact
-from .columns import CELLS, F_X, HALF, MIDDLE, ROW, T_X, WIDTH, A, B
+from .columns import CELLS, DEPTH, F_X, HALF, MIDDLE, ROW, T_X, WIDTH, A, B
 from .flow import heave_around, transport
 from .grousers import dragged_layer
 from .stress import pressure_modulus
 from .tiles import BASE, FILL, TILE, TILE_I, TILE_J, base_height, find, let_slide, nearest, tile_of
 from .tools import NEAR, inside, make_ready
+from .wheel import contact_length
 
 #: Status numbers of a body; those of wheels and soil come before.
 BODY_NO_DATA, BODY_STILL_NO_DATA, BODY_OUTSIDE, BODY_THROUGH, NO_MESH = 9, 10, 11, 12, 13
@@ -107,6 +108,7 @@ def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, ro
         h_y,
         dragged_layer(p),
         p.b_w,
+        contact_length(p, sums[DEPTH]),
         modulus,
         (x.powers, x.pushes),
         h,
@@ -134,6 +136,7 @@ def body_contact(p, x, h, body, shape, elements, range_, rows, grid, corner, pla
         1.0,
         0.0,
         0.5 * p.transport_depth,  # grains, as below a smooth wheel
+        shape[WIDTH],
         shape[WIDTH],
         modulus,
         (x.powers, x.pushes),

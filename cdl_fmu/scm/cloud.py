@@ -45,7 +45,6 @@ from .columns import (
     K_Y,
     K_Z,
     KIND,
-    LENGTH,
     MEAN,
     N_X,
     N_Y,
@@ -99,6 +98,7 @@ def cloud_contact(
     h_y,
     layer,
     width,
+    length,
     modulus,
     tables,
     h,
@@ -119,6 +119,7 @@ def cloud_contact(
     Args:
         tool: Its input record.
         h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
+        width, length: Of its contact, across and along [m].
         layer: Depth of the layer that goes with it at its speed [m].
         window: Cells [i0, i1] x [j0, j1] around it.
         elements: Those of all meshes, [n, ELEMENT]; from range_[0] to range_[1] - 1 they are this tool's.
@@ -130,7 +131,7 @@ def cloud_contact(
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
     n_placed = _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
     if n_placed == 0:
-        sums[SIDE_ALONG] = sums[SIDE_ACROSS] = sums[LENGTH] = sums[DEPTH] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
+        sums[SIDE_ALONG] = sums[SIDE_ACROSS] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
         return
     r_0 = tool.r_0
     cell, l_x, l_y = p.cell, -h_y, h_x
@@ -139,7 +140,7 @@ def cloud_contact(
     per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
     v_0 = tool.v_0
     speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
-    strength = strength_of(p, p.strength == 1.0, repose_of(p), width, sums[LENGTH], sums[DEPTH], along)
+    strength = strength_of(p, p.strength == 1.0, repose_of(p), width, length, sums[DEPTH], along)
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])

@@ -14,11 +14,11 @@ COLUMNS = SLOPE + POINTS
 OFF, BARE = -1.0, -2.0
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,
 #: deepest floor; pressure, and weighted with it the speed by which the tool pushes soil its way and the mobilised shares of friction that
-#: push soil ahead and across; then what is updated: the displacement of its steep faces against the soil beside them, the length of the
-#: contact, and the displacement of the soil that is pushed ahead, in world axes [m].
+#: push soil ahead and across; then what is updated: the displacement of its steep faces against the soil beside them and that
+#: of the soil that is pushed ahead, in world axes; and its depth below undisturbed soil, which is given [m].
 F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
-PRESSURE, PUSH_SPEED, PUSH_AHEAD, PUSH_ACROSS, SIDE_ALONG, SIDE_ACROSS, LENGTH, DEPTH, PUSHED_X, PUSHED_Y = range(14, 24)
-SUMS = 24
+PRESSURE, PUSH_SPEED, PUSH_AHEAD, PUSH_ACROSS, SIDE_ALONG, SIDE_ACROSS, PUSHED_X, PUSHED_Y, DEPTH = range(14, 23)
+SUMS = 23
 
 #: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
 ELEMENT = 8

@@ -62,7 +62,7 @@ class SCM(KernelModel):
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
             rebound=Real(
-                0.08, "1", "Share of a sinkage that springs back when the load goes; used where k_0 and A_u are 0", min=1e-4, max=0.5
+                0.09, "1", "Share of a sinkage that springs back when the load goes; used where k_0 and A_u are 0", min=1e-4, max=0.5
             ),
             k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
             A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),
@@ -138,19 +138,15 @@ class SCM(KernelModel):
         }
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | trailing_in(n_patches) | body_pose(n_bodies)
         side = Real(0.0, "m", "Displacement of steep faces against the soil beside them, along and across", (2,))
-        contact = Record(
-            length=Real(0.0, "m", "Length of the contact along the heading"),
-            depth=Real(0.0, "m", "Depth of the contact"),
-            pushed=Real(0.0, "m", "Displacement of the soil that the wheel pushes ahead of it, in world axes", (2,)),
-        )
+        pushed = Real(0.0, "m", "Displacement of the soil that it pushes ahead, in world axes", (2,))
         self.state = Record(
             stamp=Real(0.0, "1", "Number of the step"),
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
             compacted=Real(0.0, "m", "Volume compacted so far, as height on one cell"),
             powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
             pushes=Real(0.0, "1", "Table of what pushes leave of the soil's strength, constant during a run", (257,)),
-            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side) | contact),
-            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side) | contact),
+            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
+            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
         )
         self.outputs = (
             wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels) | patch_in(n_patches) | body_wrench(n_bodies)

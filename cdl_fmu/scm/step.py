@@ -11,7 +11,7 @@ from functools import cache
 
 import numba
 
-from ..contact import NO_DATA, has_pose, refusal, sees
+from ..contact import NO_DATA, has_pose, lowest_point, refusal, sees
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN
 from ..strength import tabulate_pushes
@@ -21,17 +21,18 @@ from .bodies import (
     answer_body,
     approach_with_mesh,
     body_contact,
+    box_around,
     half_sizes,
     rearrange_body,
     refused_body,
     wheel_contact_with_mesh,
 )
-from .columns import CELLS, DEEPEST, DEPTH, LENGTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS
+from .columns import CELLS, DEEPEST, DEPTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
 from .stress import deepest_of_table, pressure_modulus, tabulate
-from .tiles import SLIDING
+from .tiles import SLIDING, base_height_at
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
 from .wheel import wheel_contact
 
@@ -51,7 +52,6 @@ def forget(sums):
 def recall(memory, sums):
     """Take what a tool remembers of its contact from the state."""
     sums[SIDE_ALONG], sums[SIDE_ACROSS] = memory.side[0], memory.side[1]
-    sums[LENGTH], sums[DEPTH] = memory.length, memory.depth
     sums[PUSHED_X], sums[PUSHED_Y] = memory.pushed[0], memory.pushed[1]
 
 
@@ -59,7 +59,6 @@ def recall(memory, sums):
 def remember(sums, memory):
     """Put it back."""
     memory.side[0], memory.side[1] = sums[SIDE_ALONG], sums[SIDE_ACROSS]
-    memory.length, memory.depth = sums[LENGTH], sums[DEPTH]
     memory.pushed[0], memory.pushed[1] = sums[PUSHED_X], sums[PUSHED_Y]
 
 
@@ -72,7 +71,7 @@ def _initialise(t, p, x, y, *arrays):
     tabulate_pushes(p.phi, x.pushes)
     for i in range(len(x.wheel)):
         x.wheel[i].silent = x.wheel[i].side[0] = x.wheel[i].side[1] = 0.0
-        x.wheel[i].length = x.wheel[i].depth = x.wheel[i].pushed[0] = x.wheel[i].pushed[1] = 0.0
+        x.wheel[i].pushed[0] = x.wheel[i].pushed[1] = 0.0
 
 
 @kernel
@@ -80,7 +79,7 @@ def _initialise_with_bodies(t, p, x, y, *arrays):
     _initialise(t, p, x, y, *arrays)
     for i in range(len(x.body)):
         x.body[i].silent = x.body[i].side[0] = x.body[i].side[1] = 0.0
-        x.body[i].length = x.body[i].depth = x.body[i].pushed[0] = x.body[i].pushed[1] = 0.0
+        x.body[i].pushed[0] = x.body[i].pushed[1] = 0.0
 
 
 def initialise_kernel(bodies: bool):
@@ -150,6 +149,7 @@ def step_kernels(patches: bool, bodies: bool):
         elif k < len(u.wheel):
             wheel, modulus = u.wheel[k], pressure_modulus(p, p.b_w)
             recall(x.wheel[k], sums[k])
+            sums[k, DEPTH] = max(base_height_at(p, ground, frame, wheel.r_0[0], wheel.r_0[1]) - lowest_point(p, wheel), 0.0)
             if ranges[k, 1] > ranges[k, 0]:
                 wheel_contact_with_mesh(
                     p,
@@ -173,6 +173,8 @@ def step_kernels(patches: bool, bodies: bool):
         elif bodies:
             i = k - len(u.wheel)
             recall(x.body[i], sums[k])
+            body = u.body[i]
+            sums[k, DEPTH] = max(base_height_at(p, ground, frame, body.r_0[0], body.r_0[1]) - box_around(body, shapes[k])[4], 0.0)
             body_contact(
                 p,
                 x,

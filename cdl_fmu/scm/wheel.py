@@ -37,7 +37,6 @@ from .columns import (
     K_X,
     K_Y,
     K_Z,
-    LENGTH,
     MEAN,
     OFF,
     PATH,
@@ -120,6 +119,13 @@ def _level_at(rows, grid, corner, i, j):
 
 
 @kernel
+def contact_length(p, depth):
+    """Length [m] of a wheel's contact at a depth [m]: from where it enters level ground to its nadir."""
+    depth = min(depth, p.r_w)
+    return math.sqrt(depth * (2.0 * p.r_w - depth))
+
+
+@kernel
 def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block, cells, sums):
     """Stresses on a wheel with soil under it.
 
@@ -139,7 +145,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
     level, h_x, h_y, tilt = attitude(wheel)
     l_x, l_y, per_level = -h_y, h_x, 1.0 / level
     speed = wheel.v_0[0] * h_x + wheel.v_0[1] * h_y
-    strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, sums[LENGTH], sums[DEPTH], speed)
+    strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, contact_length(p, sums[DEPTH]), sums[DEPTH], speed)
     sideward = wheel.v_0[0] * l_x + wheel.v_0[1] * l_y
     # Soil beside a wheel that slides is sheared in the passive wedge of the side that pushes it, as deep as it is when it gets below.
     wedge = p.preshear * math.sqrt(flow_value(p.phi)) * abs(sideward) / max(math.hypot(wheel.v_0[0], wheel.v_0[1]), 1e-9)
@@ -247,15 +253,14 @@ def _bear(p, wheel, n_block, n, strength, tables, modulus, h, rows, block, cells
 
 @kernel
 def push_ahead(p, tool, h, sums):
-    """Length of the contact, and the displacement of soil that a tool pushes ahead of it, when it gets below the tool.
+    """The displacement of soil that a tool pushes ahead of it, when it gets below the tool.
 
     A wheel in skid drags a passive wedge along, as long as Rankine's at the depth of the contact. Soil is on its way through it, mean of
     all depths, over half of that length, and is displaced meanwhile with the rim's mean speed in the direction of travel.
     """
     if sums[CELLS] == 0.0 or sums[PRESSURE] <= 0.0:
-        sums[LENGTH] = sums[DEPTH] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
+        sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
         return
-    sums[LENGTH], sums[DEPTH] = max(sums[ALONG_MAX] - sums[ALONG_MIN], p.cell), sums[DEEPEST]
     v_x, v_y = tool.v_0[0], tool.v_0[1]
     speed, push = math.hypot(v_x, v_y), max(sums[PUSH_SPEED] / sums[PRESSURE], 0.0)
     wedge = p.preshear * sums[DEEPEST] * math.sqrt(flow_value(p.phi))
