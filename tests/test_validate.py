@@ -11,7 +11,18 @@ from test_cli import cdl
 from orchestrator import side_by_side, validate
 from orchestrator.measurement import QUANTITIES
 from orchestrator.side_by_side import Crew
-from orchestrator.validate import bench, closed_forms, cmu, identification, multipass, predictions, scm, sensitivities, single_wheel
+from orchestrator.validate import (
+    bench,
+    closed_forms,
+    cmu,
+    identification,
+    multipass,
+    predictions,
+    repetitive,
+    scm,
+    sensitivities,
+    single_wheel,
+)
 from orchestrator.validate.report import Report
 from orchestrator.validate.rows import COLUMNS, Findings, Row, Table, absolute, limited, relative, rms
 
@@ -216,6 +227,14 @@ def test_passes_are_judged_by_what_each_adds(monkeypatch):
         "soil moved and compacted in 3 passes",
     ]
     assert [quantity for _, quantity in misses(findings([10, 9], [2.0, 1.0]))] == ["depth that a pass adds to the rut, least, wheel"]
+
+
+def test_repetitive_loading_is_judged_by_branch():
+    rows = repetitive.check(None).rows
+    assert [row.quantity.partition(",")[2] for row in rows[:4]] == [
+        f" {branch}, k_0 = 2e7 Pa/m" for branch in ("loading", "unloading", "reloading", "further loading")
+    ]
+    assert len(rows) == 3 * 5 and all(row.passed for row in rows if row.against != "Wong: p_u - k_u (z_u - z)")
 
 
 def test_bcms_closed_forms_hold_in_process():

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..side_by_side import Crew
-from . import closed_forms, identification, multipass, predictions, scm, sensitivities, single_wheel
+from . import closed_forms, identification, multipass, predictions, repetitive, scm, sensitivities, single_wheel
 from .bench import Bench
 from .report import Report
 from .rows import Findings
@@ -25,6 +25,7 @@ CHECKS: dict[str, Callable[[Bench], Findings]] = {
     "scm_soil": scm.soil,
     "multipass": multipass.check,
     "closed_forms": closed_forms.check,
+    "repetitive": repetitive.check,
     "identification": identification.check,
 }
 
