@@ -14,10 +14,11 @@ import numpy as np
 from cdl_fmu.slave.interface import ENVIRONMENT
 from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
-from cdl_fmu.soil import SOIL, SoilError, load_soil, usable_widths
+from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
 from cdl_fmu.wheel import WHEEL
 from fmus import EXPERIMENTS, TIERS, contacts
 
+from . import soil_range
 from .assemble import assemble
 from .rigs import TESTBED, Rig, rig_of
 from .schemes import SCHEMES
@@ -209,7 +210,7 @@ class Experiment:
     @property
     def warnings(self) -> list[str]:
         """What the user should know of values that are all allowed."""
-        return [*self._idle_options(), *self._width_outside()]
+        return [*self._idle_options(), *self._width_outside(), *self._gravity_outside()]
 
     @property
     def start_is_given(self) -> bool:
@@ -239,16 +240,15 @@ class Experiment:
         ]
 
     def _width_outside(self) -> list[str]:
-        if self._usable_widths is None:
-            return []
-        low, high = self._usable_widths
         width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)
-        if low <= width <= high:
-            return []
-        return [
-            f"{self._place('wheel', 'b_w')}: wheel.b_w = {width:g} m: the soil's plate tests are good for wheels {low:.3g} to {high:.3g} m "
-            "wide (widths in its file); test plates whose radius is nearer to the wheel's width"
-        ]
+        return [f"{self._place('wheel', 'b_w')}: {text}" for text in soil_range.width_outside(width, self._usable_widths)]
+
+    def _gravity_outside(self) -> list[str]:
+        gravity = self._values["environment"].get("gravity", ENVIRONMENT.fields["gravity"].start)
+        law = TIERS["SCM"].parameters.fields["pressure_model"]
+        scales = self._values["scm"].get("pressure_model") == law.value("reece")
+        found = soil_range.gravity_outside(gravity, self._plates_gravity, on_bcm="bcm" in self._models, scm_scales=scales)
+        return [f"{self._place('environment', 'gravity')}: {text}" for text in found]
 
     def _tiers(self, tables: Mapping) -> dict[str, str]:
         section = next(iter(self.rig.tiers.values())).rpartition(".")[0]
@@ -273,7 +273,9 @@ class Experiment:
         try:
             known = load_soil(chosen, given=table.keys())
             # Who changes the law of sinkage answers for its range.
-            self._usable_widths = usable_widths(chosen) if table.keys().isdisjoint(("k_c", "k_phi", "n")) else None
+            as_tested = table.keys().isdisjoint(("k_c", "k_phi", "n"))
+            self._usable_widths = usable_widths(chosen) if as_tested else None
+            self._plates_gravity = plates_gravity(chosen) if as_tested else None
             return {**known, **table}
         except SoilError as error:
             raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None

@@ -226,3 +226,45 @@ def test_a_wheel_for_which_the_soils_fit_is_not_good_is_warned_of(measured):
     assert warnings(**{"soil.k_c": 0.0}) == []  # no longer that fit
     outcome = orchestrator.simulate(measured, measured.parent / "out", overrides={"soil.phi": 0.6}, stop_time=0.0)
     assert outcome.warnings == warnings()
+
+
+def test_gravity_that_is_not_that_of_the_plate_tests_is_warned_of(tmp_path):
+    text = (
+        "--set environment.gravity: environment.gravity = 1.62 m/s2: Bekker's k_c and k_phi of this soil are as measured at 9.81 m/s2, and "
+        "soil is weaker at less gravity, which a wheel whose weight is reduced on Earth does not show (Kobayashi et al. 2010, Wong 2012); "
+        "use {}scm.pressure_model=reece (k_c_1, k_phi_1), whose pressure grows with gravity, or a soil tested at that gravity, with "
+        "[gravity] in its file"
+    )
+
+    def warnings(tier, gravity="Moon", soil=None, **more):
+        overrides = {"tier": tier, "environment.gravity": gravity} | {key.replace("__", "."): value for key, value in more.items()}
+        return load_experiment("single_wheel", soil=soil, overrides=overrides).warnings
+
+    assert warnings("SCM") == [text.format("")]
+    assert warnings("BCM") == [text.format("SCM for all wheels and ")]
+    assert warnings("SCM", scm__pressure_model="reece") == []
+    assert warnings("SCM", "Earth") == warnings("SCM", 9.8) == []
+    assert len(warnings("SCM", 9.7)) == 1
+    assert warnings("SCM", soil__k_phi=2e8) == []  # no longer the tests'
+    mixed = {"environment.gravity": 1.62, "scm.pressure_model": "reece"}
+    assert load_experiment("two_wheel", tiers=["SCM", "BCM"], overrides=mixed).warnings == warnings("BCM")
+    source = (resources.files("cdl_fmu.soil") / "mss_d.toml").read_text(encoding="utf-8")
+    (tmp_path / "moon.toml").write_text(source + '[gravity]\nvalue = 1.62\nunit = "m/s2"\nsource = "a test"\n', encoding="utf-8")
+    assert warnings("BCM", soil=tmp_path / "moon.toml") == []
+    assert " as measured at 1.62 m/s2, " in warnings("BCM", "Earth", soil=tmp_path / "moon.toml")[0]
+    outcome = orchestrator.simulate("two_wheel", tmp_path / "out", overrides={"environment.gravity": "Moon"}, stop_time=0.0)
+    assert outcome.warnings == warnings("BCM")
+
+
+@pytest.mark.parametrize(("name", "gravity"), [("Moon", 1.62), ("moon", 1.62), ("MARS", 3.71), ("Earth", 9.81)])
+def test_gravity_by_name(tmp_path, name, gravity):
+    assert load_experiment("two_wheel", overrides={"environment.gravity": name}).instances()["rover"].p.gravity == gravity
+    own = tmp_path / "own.toml"
+    own.write_text(f'[environment]\ngravity = "{name}"\n[tiers]\nfront = "BCM"\nrear = "BCM"\n')
+    assert load_experiment(own).instances()["bcm"].p.gravity == gravity
+
+
+def test_another_name_for_gravity_is_answered_with_the_list():
+    text = r"--set environment.gravity: environment.gravity = 'Venus': use Earth \(9.81\), Mars \(3.71\), Moon \(1.62\) or a number in m/s2"
+    with pytest.raises(ExperimentError, match=text):
+        load_experiment("two_wheel", overrides={"environment.gravity": "Venus"})

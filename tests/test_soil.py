@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from cdl_fmu.soil import SOIL, SoilError, load_soil, shipped_soils, usable_widths
+from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, shipped_soils, usable_widths
 
 
 @pytest.mark.parametrize("name", shipped_soils())
@@ -81,3 +81,12 @@ def test_what_an_identification_found_may_stand_in_a_soil_file(soil_file):
 def test_an_unknown_set_lists_the_known_ones():
     with pytest.raises(SoilError, match=r"no soil set 'moon': use one of .*mss_d.* or the path of a .toml file"):
         load_soil("moon")
+
+
+def test_a_file_may_say_at_which_gravity_its_plates_were_tested(soil_file):
+    assert plates_gravity("mss_d") == plates_gravity(soil_file()) == 9.81
+    given = '[gravity]\nvalue = {}\nunit = "m/s2"\nsource = "a test"\n[k_c]'
+    assert plates_gravity(soil_file("[k_c]", given.format("1.62"))) == 1.62
+    assert load_soil(soil_file("[k_c]", given.format("1.62"))).keys() == SOIL.fields.keys()
+    with pytest.raises(SoilError, match=r"sand.toml: gravity = -1 m/s2: it must be between 0 and 100"):
+        plates_gravity(soil_file("[k_c]", given.format("-1")))

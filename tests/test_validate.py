@@ -11,7 +11,18 @@ from test_cli import cdl
 from orchestrator import side_by_side, validate
 from orchestrator.measurement import QUANTITIES
 from orchestrator.side_by_side import Crew
-from orchestrator.validate import bench, closed_forms, cmu, identification, predictions, scm, sensitivities, single_wheel
+from orchestrator.validate import (
+    bench,
+    closed_forms,
+    cmu,
+    identification,
+    multipass,
+    predictions,
+    repetitive,
+    scm,
+    sensitivities,
+    single_wheel,
+)
 from orchestrator.validate.report import Report
 from orchestrator.validate.rows import COLUMNS, Findings, Row, Table, absolute, limited, relative, rms
 
@@ -198,6 +209,34 @@ def test_heaps_and_plates_keep_their_bars():
         assert findings.rows and all(row.passed for row in findings.rows)
 
 
+def test_passes_are_judged_by_what_each_adds(monkeypatch):
+    def findings(ruts, resistances, lost=0.0):
+        passes = [multipass.Pass(1e-3 * rut + 1e-3, 1e-3 * rut, 8.0, resistance) for rut, resistance in zip(ruts, resistances)]
+        monkeypatch.setattr(multipass, "_WHEELS", {"wheel": {"load_N": 10.0}})
+        monkeypatch.setattr(multipass, "drive", lambda point, n: (passes, lost))
+        return multipass.check(MadeUp(None))
+
+    found = findings([10, 13, 15], [3.0, 2.0, 2.0])
+    assert not misses(found) and [row.error for row in found.rows[:3]] == pytest.approx([2e-3, -1e-3, -0.1])
+    (table,) = found.tables
+    assert table.rows[1][:2] == ["wheel", "2"] and table.rows[1][2:] == pytest.approx([14.0, 4.0, 13.0, 0.8, 0.2])
+    digging = misses(findings([10, 12, 15], [2.0, 3.0, 3.0], 1e-20))
+    assert [quantity.partition(",")[0] for _, quantity in digging] == [
+        "depth that a pass adds less what the one before added",
+        "resistance",
+        "soil moved and compacted in 3 passes",
+    ]
+    assert [quantity for _, quantity in misses(findings([10, 9], [2.0, 1.0]))] == ["depth that a pass adds to the rut, least, wheel"]
+
+
+def test_repetitive_loading_is_judged_by_branch():
+    rows = repetitive.check(None).rows
+    assert [row.quantity.partition(",")[2] for row in rows[:4]] == [
+        f" {branch}, k_0 = 2e7 Pa/m" for branch in ("loading", "unloading", "reloading", "further loading")
+    ]
+    assert len(rows) == 3 * 5 and all(row.passed for row in rows if row.against != "Wong: p_u - k_u (z_u - z)")
+
+
 def test_bcms_closed_forms_hold_in_process():
     rows = [*(closed_forms._shallow(eta) for eta in (0.0, 1.0)), closed_forms._resistance(0.02)]
     assert all(row.passed for row in rows)
@@ -279,6 +318,6 @@ def test_a_quick_validation_runs_and_what_must_hold_whatever_the_physics_holds(t
     report = validate.validate(tmp_path, quick=True)
     assert isinstance(report, Report) and not report.failed
     assert set(report.findings) == set(validate.CHECKS) - validate.SLOW
-    for name in ("scm_grid", "scm_soil", "closed_forms", "identification"):
+    for name in ("scm_grid", "scm_soil", "multipass", "closed_forms", "identification"):
         assert all(row.passed for row in report.findings[name].rows)
     assert all(path.stat().st_size < 150e3 for path in report.pictures.values())

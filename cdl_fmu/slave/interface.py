@@ -13,7 +13,9 @@ _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 #: Parameters that every part of a system shares.
-ENVIRONMENT = Record(gravity=Real(9.81, "m/s2", "Acceleration of gravity, along -z", min=0.0, max=100.0))
+ENVIRONMENT = Record(
+    gravity=Real(9.81, "m/s2", "Acceleration of gravity, along -z", min=0.0, max=100.0, names={"Earth": 9.81, "Mars": 3.71, "Moon": 1.62})
+)
 
 
 def _pose_and_twist(of: str, T_start=_IDENTITY) -> Record:

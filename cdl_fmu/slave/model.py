@@ -274,12 +274,18 @@ class Instance:
 
 
 def parse_value(scalar: Scalar, value) -> float:
-    """The float64 that stands for a value given by a person: a number, or an option's name. Raises ModelError for another type."""
+    """The float64 that stands for a value given by a person: a number, or a name. Raises ModelError for anything else."""
     field = scalar.field
     if isinstance(field, Choice):
         if value not in field.options:
             raise ModelError(f"{scalar.name} = {value!r}: choose one of {', '.join(field.options)} ({field.description})")
         return field.value(value)
+    if isinstance(value, str) and field.names:
+        named = {name.lower(): number for name, number in field.names.items()}
+        if value.lower() not in named:
+            known = ", ".join(f"{name} ({number:g})" for name, number in field.names.items())
+            raise ModelError(f"{scalar.name} = {value!r}: use {known} or a number in {field.unit} ({field.description})")
+        return named[value.lower()]
     if isinstance(value, (bool, str)) or not isinstance(value, (int, float, np.number)):
         unit = "" if field.unit == "1" else f" in {field.unit}"
         raise ModelError(f"{scalar.name} = {value!r}: a number{unit} is needed ({field.description})")

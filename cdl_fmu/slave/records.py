@@ -16,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Real:
-    """A real number or array of them: start value, unit, description, shape and bounds (inclusive)."""
+    """A real number or array of them: start value, unit, description, shape, bounds (inclusive), and names that people give to values."""
 
     start: object
     unit: str
@@ -24,6 +24,7 @@ class Real:
     shape: tuple[int, ...] = ()
     min: float = -np.inf
     max: float = np.inf
+    names: Mapping[str, float] | None = None
 
     def starts(self) -> np.ndarray:
         """Start values, broadcast to the declared shape."""

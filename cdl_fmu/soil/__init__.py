@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Collection
 from pathlib import Path
 
+from ..slave.interface import ENVIRONMENT
 from ..slave.model import ModelError
 from ..slave.records import Real, Record
 
@@ -61,7 +62,8 @@ def load_soil(name_or_path: str | Path, given: Collection[str] = ()) -> dict[str
     """Values of a shipped set (``"mss_d"``) or of a TOML file, ready as parameters: ``Instance(BCM(), **load_soil("mss_d"))``.
 
     Each parameter is a table ``[k_c]`` with ``value``, ``unit`` and ``source``; the unit must be the record's. A table without value, or no
-    table, says that the value is not known. ``title`` and a table ``[fit]``, of what an identification found, may stand beside them.
+    table, says that the value is not known. ``title``, a table ``[gravity]`` of where the plates were tested, Earth without one, and a
+    table ``[fit]``, of what an identification found, may stand beside them.
 
     Args:
         name_or_path: Name of a shipped set, or path of a file that ends in .toml.
@@ -89,6 +91,14 @@ def usable_widths(name_or_path: str | Path) -> tuple[float, float] | None:
     return None
 
 
+def plates_gravity(name_or_path: str | Path) -> float:
+    """Acceleration of gravity [m/s2] at which a soil's plates were tested. Raises SoilError as load_soil."""
+    file, tables = _read(name_or_path)
+    field = ENVIRONMENT.fields["gravity"]
+    value = _value(file, "gravity", tables["gravity"], field) if "gravity" in tables else None
+    return field.start if value is None else value
+
+
 def _read(name_or_path: str | Path) -> tuple[str, dict]:
     """Name of a soil's file, and what stands in it under known keys."""
     path = Path(name_or_path)
@@ -100,7 +110,7 @@ def _read(name_or_path: str | Path) -> tuple[str, dict]:
         raise SoilError(f"no soil set {str(name_or_path)!r}: use one of {', '.join(shipped_soils())} or the path of a .toml file") from None
     except tomllib.TOMLDecodeError as error:
         raise SoilError(f"{path.name} is no TOML file: {error}") from None
-    for key in tables.keys() - SOIL.fields.keys() - {"title", "fit"}:
+    for key in tables.keys() - SOIL.fields.keys() - {"title", "gravity", "fit"}:
         near = difflib.get_close_matches(key, SOIL.fields, 1)
         remedy = f"did you mean {near[0]}?" if near else f"remove it; a soil has {', '.join(SOIL.fields)}"
         raise SoilError(f"{path.name}: unknown key {key!r}: {remedy}")

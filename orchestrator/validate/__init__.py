@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..side_by_side import Crew
-from . import closed_forms, identification, predictions, scm, sensitivities, single_wheel
+from . import closed_forms, identification, multipass, predictions, repetitive, scm, sensitivities, single_wheel
 from .bench import Bench
 from .report import Report
 from .rows import Findings
@@ -23,7 +23,9 @@ CHECKS: dict[str, Callable[[Bench], Findings]] = {
     "predictions": predictions.check,
     "scm_grid": scm.grid,
     "scm_soil": scm.soil,
+    "multipass": multipass.check,
     "closed_forms": closed_forms.check,
+    "repetitive": repetitive.check,
     "identification": identification.check,
 }
 
