@@ -142,13 +142,13 @@ def test_sections_of_all_tiers_are_checked_and_those_in_use_count(tmp_path):
 
 def test_a_rover_rests_on_ground_from_a_raster_that_lies_beside_the_experiment(sloping, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    parts = assemble(load_experiment("sloping/sloping.toml")).instances
+    parts = assemble(load_experiment("sloping/sloping.toml", overrides={"scm.strength": "plates"})).instances
     assert float(parts["rover"].p.start.pitch) == pytest.approx(-np.arctan(SLOPE), abs=2e-3)
     for tier, i in (("scm", 0), ("bcm", 1)):
         assert parts[tier].y["wheel"]["f_0"][0, 2] == pytest.approx(WEIGHT / 2, rel=0.1)
         x, _, z = parts["rover"].y["wheel"]["r_0"][i]
         assert 2.0 + SLOPE * x + 0.08 < z < 2.0 + SLOPE * x + 0.12
-    load_experiment("sloping/sloping.toml").write_system(tmp_path / "x.ssp")
+    load_experiment("sloping/sloping.toml", overrides={"scm.strength": "plates"}).write_system(tmp_path / "x.ssp")
     (sloping.parent / "base.npz").unlink()  # it is in the FMU
     with zipfile.ZipFile(tmp_path / "x.ssp") as package, zipfile.ZipFile(package.open("resources/cdl_scm_w1p1.fmu")) as fmu:
         assert "resources/base.npz" in fmu.namelist()

@@ -138,24 +138,23 @@ def misses(findings):
 def test_a_model_that_is_as_measured_keeps_every_bar_of_the_single_wheel():
     made_up = MadeUp(as_measured)
     findings = single_wheel.check(made_up)
-    assert misses(findings) == [("BCM, slip sinkage", "sinkage")]
-    assert findings.rows[-1].computed == "BCM has no law of it"
-    assert len(made_up.asked) == 18
+    assert misses(findings) == []
+    assert len(made_up.asked) == 27
     assert {point["load_N"] for point in made_up.asked} == {level.load for level in cmu.levels()}
     skid = next(point for point in made_up.asked if point["slip"] == -1.0)
     assert skid["travel"] == 1.0 and skid["scm.cell"] == 0.005 and skid["soil.set"] == "cmu_sand"
 
 
 def test_a_model_off_by_a_bar_misses_it():
-    deep = single_wheel.check(MadeUp(lambda point: as_measured(point, sinkage=1.16)))
+    deep = single_wheel.check(MadeUp(lambda point: as_measured(point, sinkage=1.16)))  # BCM may be off by 30 %
     inside = ["-0.5", "-0.2", "0", "0.23", "0.5", "0.75", "0.9"]
-    assert misses(deep)[:-1] == [("SCM", f"sinkage, s = {slip}") for slip in inside] + [("SCM", "sinkage, rms over s = -0.5 to 0.9")]
+    assert misses(deep) == [("SCM", f"sinkage, s = {slip}") for slip in inside] + [("SCM", "sinkage, rms over s = -0.5 to 0.9")]
     strong = misses(single_wheel.check(MadeUp(lambda point: as_measured(point, pull=0.05))))
     assert ("SCM", "drawbar pull, rms over s = 0 to 0.9") in strong and ("SCM", "drawbar pull, rms over s = -0.5 to 0.9") not in strong
     weak = misses(single_wheel.check(MadeUp(lambda point: as_measured(point, pull=-0.16 if point["tier"] == "BCM" else 0.0))))
-    assert weak[0] == ("BCM", "drawbar pull, s = -0.5") and len(weak) == 7 + 1 + 1
+    assert weak[0] == ("BCM", "drawbar pull, s = -0.5") and len(weak) == 7 + 1
     digging = single_wheel.check(MadeUp(lambda point: as_measured(point) | {"stationary": False}))
-    assert misses(digging)[:2] == [("SCM", "sinkage, s = -1"), ("SCM", "sinkage, s = -0.7")] and len(misses(digging)) == 3
+    assert misses(digging)[:2] == [("SCM", "sinkage, s = -1"), ("SCM", "sinkage, s = -0.7")] and len(misses(digging)) == 2
 
 
 def test_a_law_of_slip_sinkage_has_rows_of_its_own(monkeypatch):
