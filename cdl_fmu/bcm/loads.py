@@ -153,11 +153,12 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                     cos_v += shaped * ((math.sin(lead) - sin) / (lead - theta) - cos)
                 v_t = (v_x - w_r * xi) * cos_v + (v_r + w_x * xi) * sin_v - w_a * r_s
                 v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
-                speed = math.sqrt(v_t * v_t + v_l * v_l)
-                phi_m = janosi_velocity(speed, V_j)
+                phi_m = janosi_velocity(math.sqrt(v_t * v_t + v_l * v_l), V_j)
                 static = bekker(k_eq, z, p.n)
                 if weak:
-                    static = _weakened(p, s, tan_phi, static, z, theta, lead, forward, shaped, v_x, v_t, v_l, speed, phi_m)
+                    # Sinking is no slip: soil would lose strength the faster a wheel sinks, which then sinks the faster.
+                    rolling = (v_x - w_r * xi) * cos_v - w_a * r_s
+                    static = _weakened(p, s, tan_phi, static, z, theta, lead, forward, shaped, v_x, rolling, v_l, V_j)
                 sigma = static * damping
                 tau_max = mohr_coulomb(cohesion, sigma, tan_phi)
                 g = tau_max * phi_m
@@ -187,17 +188,18 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
 
 
 @kernel
-def _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, v_t, v_l, speed, phi_m):
+def _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, v_t, v_l, V_j):
     """What is left of the pressure that dense soil bears at theta, where it has been sheared since it entered the contact at lead.
 
     Args:
         s: Strength, see ``strength_of``.
         dense, z: Pressure [Pa] at the depth z [m].
-        v_t, v_l, speed: Shear velocity along the rim and the axle, and its length [m/s]; phi_m: mobilisation per velocity [s/m].
+        v_t, v_l: Velocity of slip along the rim and the axle [m/s]; V_j: what mobilises 63 % of the strength [m/s].
     """
     if z <= 0.0:
         return dense
-    per_travel = shaped / max(abs(v_x), SLIP_FLOOR)
+    speed = math.sqrt(v_t * v_t + v_l * v_l)
+    phi_m, per_travel = janosi_velocity(speed, V_j), shaped / max(abs(v_x), SLIP_FLOOR)
     path = speed * p.r_w * abs(math.sin(lead) - math.sin(theta)) * per_travel
     # Soil ahead of a wheel in skid is sheared in the passive wedge that it pushes.
     path += p.preshear * s.depth * math.sqrt(flow_value(p.phi)) * max(forward * v_t, 0.0) * per_travel
