@@ -68,12 +68,11 @@ def strength_of(p, critical, phi_cs, width, length, depth, speed):
         width, length, depth: Of the contact, across and along the tool's heading, and down [m].
         speed: Along the heading [m/s]; a tool at rest leaves no rut behind.
     """
-    tan_phi = math.tan(p.phi)
     if not critical:
         return Strength(0.0, 0.0, 0.0, 0.0, _LEAST, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, p.K)
     b = max(min(width, length), _LEAST)
     ratio = b / max(width, length, _LEAST)
-    tan_cs, sin_cs = math.tan(phi_cs), math.sin(phi_cs)
+    tan_phi, tan_cs, sin_cs = math.tan(p.phi), math.tan(phi_cs), math.sin(phi_cs)
     N_q = flow_value(phi_cs) * math.exp(math.pi * tan_cs)  # Prandtl 1920, Reissner 1924
     N_gamma = 2.0 * (N_q + 1.0) * tan_cs  # Vesic 1975
     gamma_s, N_phi = p.rho * p.gravity, flow_value(p.phi)

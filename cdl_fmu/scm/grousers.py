@@ -30,6 +30,14 @@ def dragged_layer(p):
 
 
 @kernel
+def _pressure(p, strength, modulus, table, per_spacing, depth, floor, fill, soft, share):
+    """Pressure [Pa] and its slope [Pa/m] at a depth [m] below the floor, see ``pressure`` and ``yield_pressure``."""
+    dense = modulus * power(table, per_spacing, p.n, depth)
+    plastic = yield_pressure(strength, dense, depth, fill, soft, share)
+    return pressure(unloading_stiffness(p, depth, dense), p.n, depth - floor, depth, plastic)
+
+
+@kernel
 def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums):
     """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
     T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
@@ -81,9 +89,8 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
                 log_of_push(tables[1], -ahead),
                 log_of_push(tables[1], abs(across)),
             )
-            dense, soft = modulus * power(tables[0], per_spacing, p.n, depth), softened(strength, path)
-            plastic = yield_pressure(strength, dense, depth, fill, soft, share)
-            sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - floor, depth, plastic)
+            soft = softened(strength, path)
+            sigma, rise = _pressure(p, strength, modulus, tables[0], per_spacing, depth, floor, fill, soft, share)
             u = v_x * cos + v_z * sin - w_y * r_tip
             m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
             m_t, m_l = m_x * h_x + m_y * h_y, m_y * h_x - m_x * h_y
@@ -99,7 +106,7 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
                 over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
                 q = 0.0
                 if p.kappa_q > 0.0 and rim > floor:
-                    q = p.kappa_q * sigma
+                    q = p.kappa_q * _pressure(p, strength, modulus, tables[0], per_spacing, rim, floor, fill, soft, share)[0]
                 passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
                 face = p.r_w + 0.5 * p.h_g
                 add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)

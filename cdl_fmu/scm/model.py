@@ -77,7 +77,11 @@ class SCM(KernelModel):
             plasticity=Real(0.6, "1", "Share of the plastically displaced volume that flows out; the rest is compacted", min=0.0, max=1.0),
             ahead=Real(0.25, "1", "Share of the outflow that goes where friction pushes the soil, ahead or aside", min=0.0, max=1.0),
             transport_depth=Real(
-                0.0005, "m", "Depth of the layer that a slipping smooth tool drags along; grousers add their height", min=0.0, max=1.0
+                0.0005,
+                "m",
+                "Depth of the layer that a slipping smooth tool drags along; grousers add the wedges ahead of them",
+                min=0.0,
+                max=1.0,
             ),
             repose=Real(0.0, "rad", "Angle of repose, below 90 deg; 0 = phi, as of loose dry sand", min=0.0, max=1.55),
             erosion_interval=Real(1e-3, "s", "Simulated time between two sweeps of landslides", min=1e-6, max=10.0),
