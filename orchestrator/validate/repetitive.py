@@ -25,11 +25,12 @@ _SET, _RADIUS, _CELL = "mss_d", 0.05, 0.005  # [m]
 _FIRST, _DEPTH, _DEEPEST = 0.005, 0.02, 0.03
 _POINTS = 100  # of each branch
 _LAW = "Wong: p_u - k_u (z_u - z)"
+_REBOUND = SCM.parameters.fields["rebound"].start
 #: How stiff soil is that is unloaded: constants of the law as SCM has them.
 _STIFFNESSES: dict[str, Mapping[str, float]] = {
     "k_0 = 2e7 Pa/m": {"k_0": 2e7},
     "A_u = 5.03e8 Pa/m2": {"A_u": 5.03e8},  # dry sand, LETE sand of Wong's tables
-    "rebound of 8 %": {"rebound": 0.08},
+    f"rebound of {100.0 * _REBOUND:.3g} %": {"rebound": _REBOUND},
 }
 #: Soil that is pressed and nothing else, and no damping.
 _STILL = {"c_d": 0.0, "strength": "plates", "plasticity": 0.0, "transport_depth": 0.0, "erosion_sweeps": 0.0}
