@@ -20,7 +20,7 @@ OFF_MAP = r"wheel 1, at \([-\d.]+, [-\d.]+\) m, leaves the map: keep it, .* with
         (dict(repose=-0.1), r"repose = -0.1 rad: it must be at least 0 rad \(Angle of repose, below 90 deg; 0 = phi"),
         (dict(repose=1.6), r"repose = 1.6 rad: it must be at most 1.55 rad \(Angle of repose, below 90 deg; 0 = phi"),
         (dict(plasticity=1.1), r"plasticity = 1.1: it must be at most 1 "),
-        (dict(rebound=0), r"rebound = 0: it must be at least 0.0001"),
+        (dict(unloading_ratio=0), r"unloading_ratio = 0: it must be at least 1 "),
         (dict(layer_depth=0), r"layer_depth = 0 m: it must be at least 0.001 m"),
         (dict(max_tiles=0), r"max_tiles = 0: it must be at least 1 "),
         (dict(n_g=2.5), r"n_g = 2.5: the number of grousers must be whole"),

@@ -194,7 +194,7 @@ def cloud_contact(
                         dense = modulus * power(tables[0], per_spacing, p.n, depth)
                         rise = (n_x * h_x + n_y * h_y) / -n_z
                         plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, logs))
-                        sigma, rise = pressure(unloading_stiffness(p, depth, dense), p.n, depth - before, depth, plastic)
+                        sigma, rise = pressure(unloading_stiffness(p, depth, dense, before), p.n, depth - before, depth, plastic)
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 share = (m_x * n_x + m_y * n_y) * push
@@ -215,7 +215,7 @@ def cloud_contact(
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
                     dense = modulus * power(tables[0], per_spacing, p.n, depth)
-                    k_u = unloading_stiffness(p, depth, dense)
+                    k_u = unloading_stiffness(p, depth, dense, before)
                     left = _escape(strength, forward * cells[n, SLOPE + k] / plan, logs)
                     plastic = yield_pressure(strength, dense, depth, fill, soft, left)
                     sigma, rise = pressure(k_u, p.n, depth - before, depth, plastic)

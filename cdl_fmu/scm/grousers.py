@@ -34,7 +34,7 @@ def _pressure(p, strength, modulus, table, per_spacing, depth, floor, fill, soft
     """Pressure [Pa] and its slope [Pa/m] at a depth [m] below the floor, see ``pressure`` and ``yield_pressure``."""
     dense = modulus * power(table, per_spacing, p.n, depth)
     plastic = yield_pressure(strength, dense, depth, fill, soft, share)
-    return pressure(unloading_stiffness(p, depth, dense), p.n, depth - floor, depth, plastic)
+    return pressure(unloading_stiffness(p, depth, dense, floor), p.n, depth - floor, depth, plastic)
 
 
 @kernel

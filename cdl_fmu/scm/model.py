@@ -61,8 +61,12 @@ class SCM(KernelModel):
             pressure_model=Choice("Plastic pressure", bekker="(k_c/b + k_phi) z^n", reece="(c k_c_1 + rho g b k_phi_1) (z/b)^n"),
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
-            rebound=Real(
-                0.09, "1", "Share of a sinkage that springs back when the load goes; used where k_0 and A_u are 0", min=1e-4, max=0.5
+            unloading_ratio=Real(
+                8.0,
+                "1",
+                "Stiffness of soil that is unloaded and loaded again over the slope of its law of pressure; used where k_0 and A_u are 0",
+                min=1.0,
+                max=1e6,
             ),
             k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
             A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),

@@ -142,7 +142,7 @@ def _pressures(p, n, k, offset, per_level, forward, strength, modulus, block):
         sin = forward * x / r
         share = escape(strength, angle(sin, root / r), sin, block.ahead[m], block.behind[m], block.beside[m])
         plastic = yield_pressure(strength, dense, positive, block.fill[m], block.soft[m], share)
-        k_u = unloading_stiffness(p, positive, dense)
+        k_u = unloading_stiffness(p, positive, dense, before)
         sigma, rise = pressure(k_u, p.n, depth - before, positive, plastic)
         pressed = square > least and depth > before
         sigma = sigma if pressed else 0.0

@@ -54,10 +54,22 @@ def power(table, per_spacing, n, depth):
 
 
 @kernel(inline=True)
-def unloading_stiffness(p, depth, dense):
-    """Stiffness k_u [Pa/m] of soil that was pressed to a depth [m] and is unloaded or loaded again."""
+def unloading_stiffness(p, depth, dense, floor):
+    """Stiffness k_u [Pa/m] of soil that is unloaded or loaded again.
+
+    It is that of the depth z_u from which the soil is unloaded: the floor and what sprang back, or the tool's depth where that is more.
+
+    Args:
+        depth: Depth of the tool [m], where dense soil bears the pressure ``dense`` [Pa].
+        floor: Depth of the floor that was pressed before [m].
+    """
     k_u = p.k_0 + p.A_u * depth  # Wong 1980
-    return k_u if k_u > 0.0 else dense / (p.rebound * depth)
+    if k_u > 0.0:
+        return k_u + p.A_u * max(0.0, floor + dense / k_u - depth)
+    # Ratio of k_u to the secant dense / depth: soil springs back by 1 / ratio of its depth, half of it at most.
+    ratio = max(p.unloading_ratio * p.n, 2.0)
+    more = min(max(0.0, floor * ratio / ((ratio - 1.0) * depth) - 1.0), 1.0)  # z_u / depth - 1
+    return ratio * dense / depth * (1.0 + (p.n - 1.0) * more)  # slope of z^n at z_u, to first order
 
 
 @kernel(inline=True)

@@ -25,12 +25,12 @@ _SET, _RADIUS, _CELL = "mss_d", 0.05, 0.005  # [m]
 _FIRST, _DEPTH, _DEEPEST = 0.005, 0.02, 0.03
 _POINTS = 100  # of each branch
 _LAW = "Wong: p_u - k_u (z_u - z)"
-_REBOUND = SCM.parameters.fields["rebound"].start
+_RATIO = SCM.parameters.fields["unloading_ratio"].start
 #: How stiff soil is that is unloaded: constants of the law as SCM has them.
 _STIFFNESSES: dict[str, Mapping[str, float]] = {
     "k_0 = 2e7 Pa/m": {"k_0": 2e7},
     "A_u = 5.03e8 Pa/m2": {"A_u": 5.03e8},  # dry sand, LETE sand of Wong's tables
-    f"rebound of {100.0 * _REBOUND:.3g} %": {"rebound": _REBOUND},
+    f"{_RATIO:g} times the slope of Bekker's law": {"unloading_ratio": _RATIO},
 }
 #: Soil that is pressed and nothing else, and no damping.
 _STILL = {"c_d": 0.0, "strength": "plates", "plasticity": 0.0, "transport_depth": 0.0, "erosion_sweeps": 0.0}
@@ -61,18 +61,18 @@ def check(bench: Bench) -> Findings:
     rows = [row for name, stiffness in _STIFFNESSES.items() for row in _rows(name, load(stiffness))]
     note = (
         f"Round plate of {2e3 * _RADIUS:g} mm on the soil of Table 8.2, pressed {1e3 * _DEPTH:g} mm deep, unloaded to half its pressure, "
-        f"loaded again and pressed on to {1e3 * _DEEPEST:g} mm; largest errors on each branch. k_u = k_0 + A_u z_u, or what lets the soil "
-        "spring back by the share rebound of its sinkage."
+        f"loaded again and pressed on to {1e3 * _DEEPEST:g} mm; largest errors on each branch. k_u = k_0 + A_u z_u, or unloading_ratio times "
+        "the slope of Bekker's law at z_u."
     )
     return Findings(rows, note=note)
 
 
 def load(stiffness: Mapping[str, float]) -> dict[str, Branch]:
-    """The four branches of a loading by their names, on soil of this stiffness: ``k_0`` [Pa/m], ``A_u`` [Pa/m2], ``rebound``."""
+    """The four branches of a loading by their names, on soil of this stiffness: ``k_0`` [Pa/m], ``A_u`` [Pa/m2], ``unloading_ratio``."""
     soil = load_soil(_SET)
     modulus, n = soil["k_c"] / _RADIUS + soil["k_phi"], soil["n"]
     bore = modulus * _DEPTH**n
-    k_u = stiffness.get("k_0", 0.0) + stiffness.get("A_u", 0.0) * _DEPTH or bore / (stiffness["rebound"] * _DEPTH)
+    k_u = stiffness.get("k_0", 0.0) + stiffness.get("A_u", 0.0) * _DEPTH or stiffness["unloading_ratio"] * n * bore / _DEPTH
     lifted = _DEPTH - 0.5 * bore / k_u
     ends = {
         "loading": (_FIRST, _DEPTH),

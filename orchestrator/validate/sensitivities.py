@@ -20,7 +20,7 @@ _CONSTANTS = (
     ("scm.behind", True),
     ("scm.preshear", True),
     ("scm.ahead", True),
-    ("scm.rebound", True),
+    ("scm.unloading_ratio", True),
     ("scm.transport_depth", True),
     ("scm.plasticity", False),
     ("soil.K", False),
