@@ -61,8 +61,8 @@ def check(bench: Bench) -> Findings:
     rows = [row for name, stiffness in _STIFFNESSES.items() for row in _rows(name, load(stiffness))]
     note = (
         f"Round plate of {2e3 * _RADIUS:g} mm on the soil of Table 8.2, pressed {1e3 * _DEPTH:g} mm deep, unloaded to half its pressure, "
-        f"loaded again and pressed on to {1e3 * _DEEPEST:g} mm; largest errors on each branch. k_u = k_0 + A_u z_u, or unloading_ratio times "
-        "the slope of Bekker's law at z_u."
+        f"loaded again and pressed on to {1e3 * _DEEPEST:g} mm; largest errors on each branch. k_u = k_0 + A_u z_u, or unloading_ratio "
+        "times the slope of Bekker's law at z_u."
     )
     return Findings(rows, note=note)
 
