@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from soil import BARE, Carriage, scm
 
-from cdl_fmu.strength import angle, critical_pressure, escape, log_of_friction, log_of_push, softened, strength_of, yield_pressure
+from cdl_fmu.strength import (
+    angle,
+    critical_pressure,
+    escape,
+    exponential,
+    left_by_push,
+    log_of_friction,
+    log_of_push,
+    softened,
+    strength_of,
+    yield_pressure,
+)
 
 #: Sand and smooth wheel of the CMU single-wheel tests; 5 mm cells.
 SAND = dict(k_c=-2.335e5, k_phi=1.219e7, n=1.373, c=0.0, phi=math.radians(29.0), rho=1330.0, K=0.021)
@@ -52,15 +63,25 @@ def test_loose_soil_bears_as_sheared_soil_does_and_dense_soil_more():
     assert yield_pressure(s, dense, 0.02, -0.01, 0.5, 0.4) == pytest.approx(0.4 * 0.5 * (dense + sheared))
 
 
+def pushed(ahead, behind, beside=0.0):
+    return left_by_push(strength(), ahead, behind, beside)
+
+
+@pytest.mark.parametrize("x", [-5.0, -1.0, -1e-6, 0.0, 1.0, 3.0])
+def test_the_exponential_function_is_near_enough(x):
+    assert exponential(x) == pytest.approx(math.exp(x), rel=abs(x) ** 5 / 1e8 + 1e-14)
+    assert 0.0 < exponential(-1e300) < 1e-8
+
+
 def test_soil_escapes_where_it_is_pushed_and_to_where_the_base_faces():
-    s, none = strength(), (0.0, 0.0, 0.0)
+    s, none = strength(), (1.0, 1.0, 1.0)
     assert escape(s, 0.0, 0.0, *none) == 1.0
     assert escape(s, 0.5, math.sin(0.5), *none) == pytest.approx(escape(strength(speed=0.0), -0.5, -math.sin(0.5), *none), rel=0.2)
-    assert escape(s, 0.5, math.sin(0.5), -1.0, 0.5, 0.0) < escape(s, 0.0, 0.0, -1.0, 0.5, 0.0) < 1.0
+    assert escape(s, 0.5, math.sin(0.5), *pushed(-1.0, 0.5)) < escape(s, 0.0, 0.0, *pushed(-1.0, 0.5)) < 1.0
     # A driving wheel pushes soil back, below its front, which is held there.
-    assert escape(s, 0.5, math.sin(0.5), 0.5, -1.0, 0.0) > escape(s, 0.5, math.sin(0.5), -1.0, 0.5, 0.0)
-    assert escape(s, 0.0, 0.0, 0.5, -1.0, 0.0) < 1.0
-    assert escape(s, 0.0, 0.0, 0.0, 0.0, -1.0) < 1.0
+    assert escape(s, 0.5, math.sin(0.5), *pushed(0.5, -1.0)) > escape(s, 0.5, math.sin(0.5), *pushed(-1.0, 0.5))
+    assert escape(s, 0.0, 0.0, *pushed(0.5, -1.0)) < 1.0
+    assert escape(s, 0.0, 0.0, *pushed(0.0, 0.0, -1.0)) < 1.0
     for theta in (-1.5, -0.3, 0.0, 0.7, 1.5):
         assert angle(math.sin(theta), math.cos(theta)) == pytest.approx(theta, abs=2e-4)
 

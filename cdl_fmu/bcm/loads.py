@@ -17,7 +17,7 @@ import numpy as np
 
 from ..contact import SLIP_FLOOR
 from ..slave.kernel import kernel
-from ..strength import escape, log_of_friction, softened, strength_of, yield_pressure
+from ..strength import escape, left_by_push, log_of_friction, softened, strength_of, yield_pressure
 from ..terramechanics import (
     bekker,
     exit_share,
@@ -204,14 +204,9 @@ def _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, v_t, v
     # Soil ahead of a wheel in skid is sheared in the passive wedge that it pushes.
     path += p.preshear * s.depth * math.sqrt(flow_value(p.phi)) * max(forward * v_t, 0.0) * per_travel
     ahead, beside = forward * phi_m * v_t * tan_phi, phi_m * abs(v_l) * tan_phi
-    share = escape(
-        s,
-        forward * theta,
-        forward * math.sin(theta),
-        log_of_friction(tan_phi, ahead),
-        log_of_friction(tan_phi, -ahead),
-        log_of_friction(tan_phi, beside),
-    )
+    logs = log_of_friction(tan_phi, ahead), log_of_friction(tan_phi, -ahead), log_of_friction(tan_phi, beside)
+    left = left_by_push(s, logs[0], logs[1], logs[2])
+    share = escape(s, forward * theta, forward * math.sin(theta), left[0], left[1], left[2])
     return yield_pressure(s, dense, z, 0.0, softened(s, path), share)
 
 

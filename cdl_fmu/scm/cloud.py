@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from ..strength import angle, escape, log_of_push, softened, strength_of, yield_pressure
+from ..strength import angle, escape, left_by_push, log_of_push, softened, strength_of, yield_pressure
 from ..terramechanics import flow_value
 from .columns import (
     ACROSS,
@@ -75,7 +75,7 @@ from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import deepest_of_table, mobilised, power, pressure, remembered, unloading_stiffness, whole
+from .stress import deepest_of_table, mobilised, power, pressure, remembered, unloading_of, unloading_stiffness, whole
 from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
@@ -141,6 +141,7 @@ def cloud_contact(
     v_0 = tool.v_0
     speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
     strength = strength_of(p, p.strength == 1.0, repose_of(p), width, length, sums[DEPTH], along)
+    unloading = unloading_of(p)
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
@@ -162,8 +163,9 @@ def cloud_contact(
         j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], pushed
         if kept:
             j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
-        ahead, sideways = pushes(p, forward * h_x, forward * h_y, j_x, j_y)
+        ahead, sideways = pushes(p.K, forward * h_x, forward * h_y, j_x, j_y)
         logs = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead), log_of_push(tables[1], abs(sideways))
+        left = left_by_push(strength, logs[0], logs[1], logs[2])
         soft = softened(strength, path)
         lowest = _lowest(steep, start, placed, links)
         for k in range(POINTS):
@@ -193,8 +195,8 @@ def cloud_contact(
                     if depth > before:
                         dense = modulus * power(tables[0], per_spacing, p.n, depth)
                         rise = (n_x * h_x + n_y * h_y) / -n_z
-                        plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, logs))
-                        sigma, rise = pressure(unloading_stiffness(p, depth, dense, before), p.n, depth - before, depth, plastic)
+                        plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, left))
+                        sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 share = (m_x * n_x + m_y * n_y) * push
@@ -215,9 +217,9 @@ def cloud_contact(
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
                     dense = modulus * power(tables[0], per_spacing, p.n, depth)
-                    k_u = unloading_stiffness(p, depth, dense, before)
-                    left = _escape(strength, forward * cells[n, SLOPE + k] / plan, logs)
-                    plastic = yield_pressure(strength, dense, depth, fill, soft, left)
+                    k_u = unloading_stiffness(unloading, depth, dense, before)
+                    share = _escape(strength, forward * cells[n, SLOPE + k] / plan, left)
+                    plastic = yield_pressure(strength, dense, depth, fill, soft, share)
                     sigma, rise = pressure(k_u, p.n, depth - before, depth, plastic)
                     after = max(before, depth - sigma / k_u)
                     total, stiffness = total + plan * sigma, stiffness + plan * rise
@@ -273,10 +275,10 @@ def _pressed(pressed, x, y, z, n_x, n_y, n_z, plan, sigma, rise):
 
 
 @kernel(inline=True)
-def _escape(strength, rise, logs):
+def _escape(strength, rise, left):
     """``escape`` of a surface that rises by ``rise`` [1] ahead."""
     cos = 1.0 / math.sqrt(1.0 + rise * rise)
-    return escape(strength, angle(rise * cos, cos), rise * cos, logs[0], logs[1], logs[2])
+    return escape(strength, angle(rise * cos, cos), rise * cos, left[0], left[1], left[2])
 
 
 @kernel(inline=True)

@@ -9,11 +9,11 @@ import math
 
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
-from ..strength import angle, escape, log_of_push, softened, yield_pressure
+from ..strength import angle, escape, left_by_push, log_of_push, softened, yield_pressure
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
 from .columns import D_Z, K_X, K_Y, K_Z, PUSHED_X, PUSHED_Y, add_force
 from .rim import attitude, damping_of, pushes
-from .stress import deepest_of_table, mobilised, power, pressure, unloading_stiffness, whole
+from .stress import deepest_of_table, mobilised, power, pressure, unloading_of, unloading_stiffness, whole
 from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 
 
@@ -34,7 +34,7 @@ def _pressure(p, strength, modulus, table, per_spacing, depth, floor, fill, soft
     """Pressure [Pa] and its slope [Pa/m] at a depth [m] below the floor, see ``pressure`` and ``yield_pressure``."""
     dense = modulus * power(table, per_spacing, p.n, depth)
     plastic = yield_pressure(strength, dense, depth, fill, soft, share)
-    return pressure(unloading_stiffness(p, depth, dense, floor), p.n, depth - floor, depth, plastic)
+    return pressure(unloading_stiffness(unloading_of(p), depth, dense, floor), p.n, depth - floor, depth, plastic)
 
 
 @kernel
@@ -80,15 +80,10 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
             j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
             if kept:
                 j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
-            ahead, across = pushes(p, h_x * forward, h_y * forward, j_x, j_y)
-            share = escape(
-                strength,
-                forward * angle(sin, cos),
-                forward * sin,
-                log_of_push(tables[1], ahead),
-                log_of_push(tables[1], -ahead),
-                log_of_push(tables[1], abs(across)),
-            )
+            ahead, across = pushes(p.K, h_x * forward, h_y * forward, j_x, j_y)
+            logs = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead), log_of_push(tables[1], abs(across))
+            left = left_by_push(strength, logs[0], logs[1], logs[2])
+            share = escape(strength, forward * angle(sin, cos), forward * sin, left[0], left[1], left[2])
             soft = softened(strength, path)
             sigma, rise = _pressure(p, strength, modulus, tables[0], per_spacing, depth, floor, fill, soft, share)
             u = v_x * cos + v_z * sin - w_y * r_tip

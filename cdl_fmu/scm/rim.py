@@ -12,9 +12,9 @@ import numpy as np
 
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
-from ..strength import angle, escape, log_of_push, softened, yield_pressure
-from ..terramechanics import flow_value, janosi_displacement
-from .stress import counted, power, pressure, remembered, secant_share, unloading_stiffness, whole
+from ..strength import angle, escape, exponential, left_by_push, log_of_push, softened, yield_pressure
+from ..terramechanics import flow_value
+from .stress import counted, power, pressure, remembered, secant_share, unloading_of, unloading_stiffness, whole
 from .tiles import POINTS
 
 #: Cells in a block: a multiple of a vector's length, and no power of two, whose columns would compete for the same lines of the cache.
@@ -27,8 +27,8 @@ _COLUMNS = (
     # height of the axle above the wheel's centre there [m]; the soil's surface relative to that centre [m], its fill [m], and its shear
     # displacement in world axes and its path of slip [m], updated.
     *("row", "a", "b", "along", "across", "cover", "lift", "surface", "fill", "j_x", "j_y", "path"),
-    # Share of its way to the critical state; mobilised shares of friction that push soil ahead and across (left); logarithms of the
-    # shares of strength left by the push ahead, behind and beside.
+    # Share of its way to the critical state; mobilised shares of friction that push soil ahead and across (left); shares of strength
+    # that the push leaves ahead, behind and beside.
     *("soft", "push_ahead", "push_across", "ahead", "behind", "beside"),
     # What its points sum to: pressure [Pa], its moment [Pa.m], floors [m], stiffness [Pa/m], push along [Pa], torque [Pa.m].
     *("total", "moment", "floors", "stiffness", "push", "torque"),
@@ -67,10 +67,10 @@ def damping_of(p, wheel):
 
 
 @kernel(inline=True)
-def pushes(p, d_x, d_y, j_x, j_y):
+def pushes(K, d_x, d_y, j_x, j_y):
     """Mobilised shares of friction that push soil along the direction d and across it, to the left, after a shear displacement j [m]."""
     j = math.sqrt(j_x * j_x + j_y * j_y)
-    secant = secant_share(p.K, j, janosi_displacement(j, p.K))
+    secant = secant_share(K, j, 1.0 - exponential(-j * (1.0 / K)))
     return secant * (j_x * d_x + j_y * d_y), secant * (j_y * d_x - j_x * d_y)
 
 
@@ -87,33 +87,37 @@ def press_and_shear(p, wheel, n, strength, modulus, tables, per_spacing, h, bloc
     level, h_x, h_y, _ = attitude(wheel)
     per_level = 1.0 / level
     forward = 1.0 if wheel.v_0[0] * h_x + wheel.v_0[1] * h_y >= 0.0 else -1.0
+    K, f_x, f_y = p.K, forward * h_x, forward * h_y
     for m in range(n):
-        ahead, across = pushes(p, forward * h_x, forward * h_y, block.j_x[m], block.j_y[m])
+        ahead, across = pushes(K, f_x, f_y, block.j_x[m], block.j_y[m])
         block.push_ahead[m], block.push_across[m] = ahead, forward * across
         block.soft[m] = softened(strength, block.path[m])
-        block.ahead[m], block.behind[m] = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead)
-        block.beside[m] = log_of_push(tables[1], abs(across))
+    for m in range(n):
+        ahead, across = block.push_ahead[m], block.push_across[m]
+        logs = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead), log_of_push(tables[1], abs(across))
+        block.ahead[m], block.behind[m], block.beside[m] = left_by_push(strength, logs[0], logs[1], logs[2])
     for m in range(n):
         block.total[m] = block.moment[m] = block.floors[m] = block.stiffness[m] = block.push[m] = block.torque[m] = 0.0
+    unloading = unloading_of(p)
     for k in range(POINTS):
         offset = (k + 0.5) * p.cell / POINTS - 0.5 * p.cell
         _depths(n, offset, p.r_w, per_level, block)
         for m in range(n):
             block.power[m] = power(tables[0], per_spacing, p.n, block.positive[m])
-        _pressures(p, n, k, offset, per_level, forward, strength, modulus, block)
+        _pressures(n, k, offset, (p.r_w, p.n, per_level, forward, modulus), strength, unloading, block)
     v_0, w_0, reach = wheel.v_0, wheel.w_0, shear_radius(p, flow_value(p.phi)) / p.r_w
     _velocities(
         n,
         (v_0[0] * h_x + v_0[1] * h_y, v_0[1] * h_x - v_0[0] * h_y, v_0[2]),
         (w_0[0] * h_x + w_0[1] * h_y, w_0[1] * h_x - w_0[0] * h_y, w_0[2]),
-        (h_x, h_y, per_level, p.r_w, reach, p.K, p.tau_r, h),
+        (h_x, h_y, per_level, p.r_w, reach, K, p.tau_r, h),
         block,
     )
     for m in range(n):
-        block.share[m] = janosi_displacement(block.length[m], p.K)
+        block.share[m] = 1.0 - exponential(-block.length[m] * (1.0 / K))
     damping, area = damping_of(p, wheel), p.cell * p.cell
     cohesion = p.c * min(damping, 1.0) * area
-    _forces(n, (h_x, h_y, 1.0 / p.r_w, reach, p.K, math.tan(p.phi), cohesion, area / POINTS, damping, p.c_d), block)
+    _forces(n, (h_x, h_y, 1.0 / p.r_w, reach, K, math.tan(p.phi), cohesion, area / POINTS, damping, p.c_d), block)
 
 
 @kernel
@@ -128,9 +132,10 @@ def _depths(n, offset, r, per_level, block):
 
 
 @kernel
-def _pressures(p, n, k, offset, per_level, forward, strength, modulus, block):
+def _pressures(n, k, offset, constants, strength, unloading, block):
     """Add the pressure of point k of each cell."""
-    r = p.r_w
+    r, law_n, per_level, forward, modulus = constants
+    per_r = 1.0 / r
     least = (1.0 - STEEPEST**2) * r * r
     for m in range(n):
         x = block.along[m] + offset
@@ -139,11 +144,11 @@ def _pressures(p, n, k, offset, per_level, forward, strength, modulus, block):
         z = (block.lift[m] - root) * per_level
         depth, before = block.depth[m], block.before[k, m]
         positive, dense = block.positive[m], modulus * block.power[m]
-        sin = forward * x / r
-        share = escape(strength, angle(sin, root / r), sin, block.ahead[m], block.behind[m], block.beside[m])
+        sin = forward * x * per_r
+        share = escape(strength, angle(sin, root * per_r), sin, block.ahead[m], block.behind[m], block.beside[m])
         plastic = yield_pressure(strength, dense, positive, block.fill[m], block.soft[m], share)
-        k_u = unloading_stiffness(p, positive, dense, before)
-        sigma, rise = pressure(k_u, p.n, depth - before, positive, plastic)
+        k_u = unloading_stiffness(unloading, positive, dense, before)
+        sigma, rise = pressure(k_u, law_n, depth - before, positive, plastic)
         pressed = square > least and depth > before
         sigma = sigma if pressed else 0.0
         after = max(before, depth - sigma / k_u) if pressed else before

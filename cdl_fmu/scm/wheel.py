@@ -162,7 +162,11 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
             fill = rows[row, FILL, a, b]
             surface = rows[row, BASE, a, b] + fill - r_0[2]
             # The rim rises by at least low^2 / (2 r): most cells are ruled out without a root.
-            if surface <= (low * low / (2.0 * r) - r - abs(across * tilt)) * per_level or low >= STEEPEST * r:
+            depth = surface - (low * low / (2.0 * r) - r - abs(across * tilt)) * per_level
+            if depth <= 0.0 or low >= STEEPEST * r:
+                continue
+            kept = rows[row, STAMP, a, b] == stamp - 1.0
+            if not kept and rows[row, SINKAGE, a, b] > depth + 0.5 * cell:  # the rut behind
                 continue
             xi = (across - math.sqrt(r * r - low * low) * tilt) * per_level
             cover = min((half - abs(xi)) * level / cell + 0.5, 1.0)
@@ -173,7 +177,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
             block.row[m], block.a[m], block.b[m] = row, a, b
             block.along[m], block.across[m], block.lift[m], block.cover[m] = along, across, across * tilt, cover
             block.surface[m], block.fill[m] = surface, fill
-            if rows[row, STAMP, a, b] == stamp - 1.0:
+            if kept:
                 sinkage = rows[row, SINKAGE, a, b]
                 block.j_x[m], block.j_y[m], block.path[m] = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
                 for k in range(POINTS):
