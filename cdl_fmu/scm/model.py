@@ -28,7 +28,7 @@ from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH
 from .columns import WIDTH
 from .meshes import load_meshes
 from .pool import SoilPool
-from .step import FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
+from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise, parallel_step, step
 from .tiles import LONGEST_QUEUE
 
 _MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
@@ -133,6 +133,8 @@ class SCM(KernelModel):
         NO_MESH: Event("body[{i}].mesh names no file: give the path of a closed mesh (.stl, .obj or .ply, in metres)"),
     }
     pool_class = SoilPool
+    arguments = ARGUMENTS
+    initialise_kernel, step_kernel, parallel_step_kernel = map(staticmethod, (initialise, step, parallel_step))
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0):
         super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies)
@@ -159,8 +161,6 @@ class SCM(KernelModel):
         self.outputs = (
             wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels) | patch_in(n_patches) | body_wrench(n_bodies)
         )
-        self.initialise_kernel = initialise_kernel(n_bodies > 0)
-        self.step_kernel, self.parallel_step_kernel = step_kernels(n_patches > 0, n_bodies > 0)
 
     def check(self, p) -> None:
         if p.cell > p.b_w / 3.0:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..slave.interface import body_pose
 from ..slave.pool import RowPool, SavedRows
 from ..terrain.raster import Raster
 from . import erosion, rim
@@ -51,6 +52,7 @@ class SoilPool(RowPool):
                 np.zeros((n_tools, (across * across if most else 0) + most), np.int64),  # links: their chains
                 np.zeros(LONGEST_QUEUE, erosion.DTYPE),  # sliding: tiles that slide
                 np.zeros((LONGEST_QUEUE, 4), np.int64),  # boxes
+                np.zeros(n_tools, body_pose(1).fields["body"].record.dtype),  # poses: of tools with a mesh
             ),
         )
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ..slave.kernel import kernel
 from ..strength import strength_of
 from ..terramechanics import flow_value, janosi_displacement, rankine_wall
@@ -152,7 +154,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
     step = cell / POINTS
     span_x = r * abs(h_x) + (half * level + r * abs(tilt) + cell) * abs(l_x)
     span_y = r * abs(h_y) + (half * level + r * abs(tilt) + cell) * abs(l_y)
-    n = m = 0  # cells in the list, and in the block
+    n = m = np.int64(0)  # cells in the list, and in the block; a literal would be a type of its own, and compile their kernels once more
     for i in range(nearest(r_0[0] - span_x, cell), nearest(r_0[0] + span_x, cell) + 1):
         for j in range(nearest(r_0[1] - span_y, cell), nearest(r_0[1] + span_y, cell) + 1):
             d_x, d_y = i * cell - r_0[0], j * cell - r_0[1]

@@ -78,16 +78,15 @@ def kernel(function=None, *, inline: bool = False, parallel: bool = False):
 
 
 @cache
-def array_entry(function, arguments: str, *, records: bool = True):
+def array_entry(function, arguments: str):
     """Entry to a kernel that takes each record as an array of length one: numba dispatches those 4 times faster than records.
 
     Args:
         function: The kernel.
         arguments: Its arguments, records in capitals, numbers and arrays in lower case: ``"t, h, P, U, X, Y"``.
-        records: Whether the kernel takes records; else it takes these arrays as they are.
     """
     names = arguments.split(", ")
-    call = ", ".join(f"{n}[0]" if n.isupper() and records else n for n in names)
+    call = ", ".join(f"{n}[0]" if n.isupper() else n for n in names)
     # numba's cache tells the entries of one file apart by their names alone.
     name = re.sub(r"\W+", "_", f"{function.py_func.__qualname__}_entry")
     source = f"def {name}({', '.join(names)}):\n    return target({call})\n"

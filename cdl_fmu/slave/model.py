@@ -90,37 +90,81 @@ class Model:
 _PARTS = {"p": "parameters", "u": "inputs", "x": "state", "y": "outputs"}
 
 
+@dataclass(frozen=True)
+class Piece:
+    """A part of a model's block that its kernels take.
+
+    Attributes:
+        name: Its name as an argument, in capitals if the kernels take the record itself.
+        start: Where it begins in the block [floats].
+        dtype: Of a record.
+        n: Number of records.
+    """
+
+    name: str
+    start: int
+    dtype: np.dtype
+    n: int
+
+    def view(self, block: np.ndarray) -> np.ndarray:
+        """The records in the block as an array."""
+        return block[self.start : self.start + self.n * self.dtype.itemsize // block.itemsize].view(self.dtype)
+
+
 class KernelModel(Model):
     """A model whose functions are kernels ``initialise_kernel(t, p, x, y)`` and ``step_kernel(t, h, p, u, x, y) -> status``.
 
-    Where the model has a pool, the pool's arrays follow: ``step_kernel(t, h, p, u, x, y, *arrays)``. A model with a parameter ``threads``
-    has a twin of its step for several threads, ``parallel_step_kernel``, which gets each record as an array of length one.
+    Where the model has a pool, the pool's arrays follow: ``step_kernel(t, h, p, u, x, y, *arrays)``.
+
+    Kernels are compiled anew for records of other sizes. A model spares itself that with ``arguments``, what its kernels take instead:
+    ``"x.wheel"`` is an array of records, of any length, ``"x"`` one of length one, of the record's fields before the first such array, and
+    the pool's arrays are one tuple. ``initialise_kernel`` gets those that are no inputs. A model that has a parameter ``threads`` has a
+    twin of its step for several threads, ``parallel_step_kernel``, and ``arguments``, as numba's prange hands no records to its threads.
     """
 
     initialise_kernel: object
     step_kernel: object
     parallel_step_kernel: object | None = None
+    arguments: tuple[str, ...] | None = None
+
+    def pieces(self) -> list[Piece]:
+        """What the kernels take of the block, in their order."""
+        starts, start = {}, 0
+        for part in _PARTS:
+            starts[part], start = start, start + len(getattr(self, _PARTS[part]))
+        if self.arguments is None:
+            return [Piece(part.upper(), starts[part], getattr(self, _PARTS[part]).dtype, 1) for part in _PARTS]
+        pieces = []
+        for argument in self.arguments:
+            part, _, field = argument.partition(".")
+            record = getattr(self, _PARTS[part])
+            array = record.fields[field] if field else Array(1, record.head)
+            before = record.dtype.fields[field][1] // record.starts().itemsize if field and array.n else 0
+            pieces.append(Piece(argument.replace(".", "_"), starts[part] + before, array.record.dtype, array.n))
+        return pieces
 
     def bind(self, instance: Instance):
-        P, U, X, Y = instance.arrays
-        pool = instance.pool
-        arrays = () if pool is None else pool.arrays
-        more = "".join(f", a{i}" for i in range(len(arrays)))
-        initialise = compiled(array_entry(self.initialise_kernel, f"t, P, X, Y{more}"), 0.0, P, X, Y, *arrays)
+        views = {piece.name: piece.view(instance.block) for piece in self.pieces()}
+        kept = tuple(view for name, view in views.items() if name[0] not in "uU")
+        pool, views = instance.pool, tuple(views.values())
         several = self.parallel_step_kernel is not None and instance.p.threads > 1.0
-        chosen = self.parallel_step_kernel if several else self.step_kernel
-        step = compiled(array_entry(chosen, f"t, h, P, U, X, Y{more}", records=not several), 0.0, 0.0, P, U, X, Y, *arrays)
-        if pool is None:
-            return lambda t: initialise(t, P, X, Y), lambda t, h: step(t, h, P, U, X, Y)
         threads = int(instance.p.threads) if several else 1
+        initialise, step = self.initialise_kernel, self.parallel_step_kernel if several else self.step_kernel
+        if self.arguments is None:
+            more = "".join(f", a{i}" for i in range(len(pool.arrays if pool else ())))
+            initialise, step = array_entry(initialise, f"t, P, X, Y{more}"), array_entry(step, f"t, h, P, U, X, Y{more}")
 
-        # The pool's arrays as they are at the time of the call: growth replaces them.
-        def step_with_pool(t, h):
+        def arrays():  # as they are at the time of the call: growth replaces them
+            return () if pool is None else pool.arrays if self.arguments is None else (pool.arrays,)
+
+        initialise, step = compiled(initialise, 0.0, *kept, *arrays()), compiled(step, 0.0, 0.0, *views, *arrays())
+
+        def step_on(t, h):
             if several:
                 numba.set_num_threads(threads)  # a setting of the calling thread, which other instances share
-            return step(t, h, P, U, X, Y, *pool.arrays)
+            return step(t, h, *views, *arrays())
 
-        return lambda t: initialise(t, P, X, Y, *pool.arrays), step_with_pool
+        return lambda t: initialise(t, *kept, *arrays()), step_on
 
 
 class Instance:

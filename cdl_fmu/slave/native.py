@@ -88,20 +88,29 @@ def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
 
     from .kernel import OPTIONS
 
-    parts = {"p": model.parameters, "u": model.inputs, "x": model.state, "y": model.outputs}
-    block = types.CPointer(numba.from_dtype(np.dtype([(name, record.dtype) for name, record in parts.items()])))
+    pieces = model.pieces()
+    # As the block has no bytes for an array of length 0, that is no record of an array of length 1, from its begin.
+    formats = [(piece.dtype, (max(piece.n, 1),)) for piece in pieces]
+    offsets = [piece.start * np.float64().itemsize for piece in pieces]
+    size = max(offset + np.dtype(one).itemsize for offset, one in zip(offsets, formats))
+    names = [piece.name for piece in pieces]
+    block = types.CPointer(numba.from_dtype(np.dtype(dict(names=names, formats=formats, offsets=offsets, itemsize=size))))
+    taken = {piece.name: f"b.{piece.name}" + ("[0]" if piece.name.isupper() else f"[:{piece.n}]") for piece in pieces}
+    kept = [expression for name, expression in taken.items() if name[0] not in "uU"]
     pool = model.make_pool(model.parameters.starts().view(model.parameters.dtype).view(np.recarray)[0], {})
     arrays = () if pool is None else pool.arrays
     names, views = _views(arrays)
+    if views and model.arguments is not None:
+        views = [f"({', '.join(views)},)"]
     source = f"""
 def initialise({", ".join(("t", "block", *names))}):
     b = carray(block, 1)[0]
-    initialise_kernel({", ".join(("t", "b.p", "b.x", "b.y", *views))})
+    initialise_kernel({", ".join(("t", *kept, *views))})
     return int32(0)
 
 def step({", ".join(("t", "h", "block", *names))}):
     b = carray(block, 1)[0]
-    return int32(step_kernel({", ".join(("t", "h", "b.p", "b.u", "b.x", "b.y", *views))}))
+    return int32(step_kernel({", ".join(("t", "h", *taken.values(), *views))}))
 """
     kernels = {"initialise_kernel": model.initialise_kernel, "step_kernel": model.step_kernel}
     dtypes = {f"dtype{i}": array.dtype for i, array in enumerate(arrays)}

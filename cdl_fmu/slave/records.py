@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import product, takewhile
 
 import numpy as np
 
@@ -111,6 +111,11 @@ class Record:
 
         # An empty array has no memory and numba cannot type it, so it is not part of the dtype.
         return np.dtype([(n, one(f)) for n, f in self.fields.items() if not (isinstance(f, Array) and f.n == 0)])
+
+    @property
+    def head(self) -> Record:
+        """The fields before the first array of records."""
+        return Record(**dict(takewhile(lambda item: not isinstance(item[1], Array), self.fields.items())))
 
     def scalars(self) -> list[Scalar]:
         """Every float64 of the record in memory order (row-major)."""
