@@ -382,8 +382,8 @@ def parallel_step(
     if not make_all_ready(p, u, *arrays):
         return FULL
     x.stamp += 1.0
-    for k in numba.prange(len(sums)):
-        stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays)
+    for k in numba.prange(len(sums)):  # unsigned there
+        stress(np.int64(k), h, P, X, wheels, wheel_memory, body_memory, *arrays)
     status = pressed_through(p, u, *arrays)
     if status:
         x.stamp -= 1.0
@@ -392,7 +392,7 @@ def parallel_step(
     done = displace(p, u, x, *arrays)
     for _ in range(sweeps_due(p, x, h)):
         for k in numba.prange(head[SLIDING]):
-            slide_tile(k, P, X, *arrays)
+            slide_tile(np.int64(k), P, X, *arrays)
         done &= settle_all(p, *arrays)
     fill_patches(p, u, y, *arrays)
     return status if done or status else NO_ROOM_TO_SLIDE

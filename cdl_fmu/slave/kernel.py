@@ -24,8 +24,9 @@ _ROOT = Path(__file__).resolve().parents[2]
 # A record that begins with another one's fields can stand for it: a model with patches takes the code of the one without.
 warnings.filterwarnings("ignore", category=numba.NumbaExperimentalFeatureWarning, message=".*considered a subtype")
 
-#: How numba compiles every kernel, here and for export: without its run-time, as kernels allocate nothing and count no references.
-OPTIONS = dict(error_model="numpy", boundscheck=False, _nrt=False)
+#: How numba compiles every kernel, here and for export: without its run-time, as kernels allocate nothing and count no references, and
+#: without wrappers for callers in C, of which there are none.
+OPTIONS = dict(error_model="numpy", boundscheck=False, _nrt=False, no_cfunc_wrapper=True)
 
 #: Threads that numba may use on this machine.
 MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS
