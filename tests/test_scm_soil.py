@@ -21,8 +21,11 @@ from soil import (
     wait_for_rest,
 )
 
+from cdl_fmu.scm import SCM
+from cdl_fmu.scm.step import step
 from cdl_fmu.scm.tiles import FILL, SINKAGE, SLIDING, TILE, TILE_I, TILE_J
 from cdl_fmu.slave.kernel import MOST_THREADS
+from cdl_fmu.slave.model import Instance
 
 MIRRORED = np.array([1, -1, 1, -1, 1, -1, 1])
 
@@ -294,3 +297,9 @@ def test_no_bit_depends_on_the_number_of_threads():
     one, two = crossing(), crossing(threads=2)
     assert all(np.array_equal(a, b) for a, b in zip(one[:2], two[:2]))
     assert one[2] == two[2]
+
+
+def test_a_step_is_compiled_once_for_all_sizes():
+    for sizes in (1,), (3,), (1, 2), (2, 1):
+        Instance(SCM(*sizes)).initialise()
+    assert len(step.signatures) == 1

@@ -28,39 +28,18 @@ from .bodies import (
     refused_body,
     wheel_contact_with_mesh,
 )
-from .columns import CELLS, DEEPEST, DEPTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS
+from .columns import CELLS, DEEPEST, DEPTH
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
 from .stress import deepest_of_table, pressure_modulus, tabulate
 from .tiles import SLIDING, base_height_at
-from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
+from .tools import answer, approach, diagnose, forget, patch_inside, place, rearrange, recall, remember, wheel_inside
 from .wheel import wheel_contact
 
 #: Status numbers beside those of wheels and bodies.
 OUTSIDE, THROUGH, FULL, PATCH_OUTSIDE = 5, 6, 7, 8
 NO_ROOM_TO_SLIDE = 14
-
-
-@kernel
-def forget(sums):
-    """A tool that is in the air remembers nothing of the soil."""
-    for k in range(SIDE_ALONG, SUMS):
-        sums[k] = 0.0
-
-
-@kernel
-def recall(memory, sums):
-    """Take what a tool remembers of its contact from the state."""
-    sums[SIDE_ALONG], sums[SIDE_ACROSS] = memory.side[0], memory.side[1]
-    sums[PUSHED_X], sums[PUSHED_Y] = memory.pushed[0], memory.pushed[1]
-
-
-@kernel
-def remember(sums, memory):
-    """Put it back."""
-    memory.side[0], memory.side[1] = sums[SIDE_ALONG], sums[SIDE_ACROSS]
-    memory.pushed[0], memory.pushed[1] = sums[PUSHED_X], sums[PUSHED_Y]
 
 
 class Inputs(NamedTuple):
@@ -113,15 +92,6 @@ def initialise(t, P, X, wheels, bodies, wrenches, contacts, diagnostics, patches
 def _start(memory):
     memory.silent = memory.side[0] = memory.side[1] = 0.0
     memory.pushed[0] = memory.pushed[1] = 0.0
-
-
-@kernel
-def place(tool, pose):
-    """Copy the pose and twist of a wheel or a body."""
-    for i in range(3):
-        pose.r_0[i], pose.v_0[i], pose.w_0[i] = tool.r_0[i], tool.v_0[i], tool.w_0[i]
-        for j in range(3):
-            pose.T[i, j] = tool.T[i, j]
 
 
 @kernel

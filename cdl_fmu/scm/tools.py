@@ -1,4 +1,4 @@
-"""What an SCM step does for each wheel beside the contact itself: is it on the map and near the ground, its tiles, its outputs."""
+"""What an SCM step does for each tool beside the contact itself: where it is and was, is it near the ground, its tiles, its outputs."""
 
 from __future__ import annotations
 
@@ -7,13 +7,62 @@ import math
 from ..contact import SLIP_FLOOR, anchor_here, lowest_point, show
 from ..slave.kernel import kernel
 from ..terramechanics import slip_ratio
-from .columns import ALONG_MAX, ALONG_MIN, CELLS, D_Z, F_X, F_Y, F_Z, K_X, K_Y, K_Z, T_X, T_Y, T_Z
+from .columns import (
+    ALONG_MAX,
+    ALONG_MIN,
+    CELLS,
+    D_Z,
+    F_X,
+    F_Y,
+    F_Z,
+    K_X,
+    K_Y,
+    K_Z,
+    PUSHED_X,
+    PUSHED_Y,
+    SIDE_ACROSS,
+    SIDE_ALONG,
+    SUMS,
+    T_X,
+    T_Y,
+    T_Z,
+)
 from .flow import ends_share, heave, transport
 from .heights import height_at
 from .tiles import base_height_at, let_slide, look_up, nearest, tile_of, touch
 
 #: [m] above the ground from which on a tool's tiles are made ready.
 NEAR = 0.03
+
+
+@kernel
+def forget(sums):
+    """A tool that is in the air remembers nothing of the soil."""
+    for k in range(SIDE_ALONG, SUMS):
+        sums[k] = 0.0
+
+
+@kernel
+def recall(memory, sums):
+    """Take what a tool remembers of its contact from the state."""
+    sums[SIDE_ALONG], sums[SIDE_ACROSS] = memory.side[0], memory.side[1]
+    sums[PUSHED_X], sums[PUSHED_Y] = memory.pushed[0], memory.pushed[1]
+
+
+@kernel
+def remember(sums, memory):
+    """Put it back."""
+    memory.side[0], memory.side[1] = sums[SIDE_ALONG], sums[SIDE_ACROSS]
+    memory.pushed[0], memory.pushed[1] = sums[PUSHED_X], sums[PUSHED_Y]
+
+
+@kernel
+def place(tool, pose):
+    """Copy the pose and twist of a wheel or a body."""
+    for i in range(3):
+        pose.r_0[i], pose.v_0[i], pose.w_0[i] = tool.r_0[i], tool.v_0[i], tool.w_0[i]
+        for j in range(3):
+            pose.T[i, j] = tool.T[i, j]
 
 
 @kernel
