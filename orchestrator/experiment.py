@@ -165,7 +165,8 @@ class Experiment:
         self.tiers = self._tiers(tables)
         #: part -> its model
         self._models = {part: kind() for part, kind in rig.parts.items()}
-        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values()).items()}
+        tables, self._compaction = self._structure(tables)
+        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction).items()}
         models = _models(rig) | self._models
         self._records = _sections(rig, models)
         self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
@@ -238,6 +239,15 @@ class Experiment:
             for key, option in self._options.items()
             if (section := key.partition(".")[0]) in idle
         ]
+
+    def _structure(self, tables: Mapping) -> tuple[dict, bool]:
+        """Tables without what decides which models are taken, ``bcm.compaction``, and that."""
+        section = tables.get("bcm", {})
+        wanted = section.get("compaction", False)
+        if not isinstance(wanted, bool):
+            where = self._place("bcm", "compaction")
+            raise ExperimentError(f"{where}: bcm.compaction = {wanted!r}: use true (wheels feel what pressed the soil before) or false")
+        return dict(tables, bcm={key: value for key, value in section.items() if key != "compaction"}), wanted
 
     def _width_outside(self) -> list[str]:
         width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)

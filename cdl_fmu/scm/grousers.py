@@ -11,9 +11,10 @@ from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..strength import angle, escape, left_by_push, log_of_push, softened, yield_pressure
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
+from ..unloading import pressure, unloading_of, unloading_stiffness
 from .columns import D_Z, K_X, K_Y, K_Z, PUSHED_X, PUSHED_Y, add_force
 from .rim import attitude, damping_of, pushes
-from .stress import deepest_of_table, mobilised, power, pressure, unloading_of, unloading_stiffness, whole
+from .stress import deepest_of_table, mobilised, power, whole
 from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 
 

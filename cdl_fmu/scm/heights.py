@@ -1,11 +1,16 @@
-"""The soil's surface as height patches for wheels of other tiers."""
+"""The soil's surface, and what pressed it before, as patches for wheels of other tiers."""
 
 from __future__ import annotations
 
 import math
 
 from ..slave.kernel import kernel
-from .tiles import base_height, find, in_tile, nearest, surface_height, tile_of
+from ..strength import strength_of, yield_pressure
+from ..terrain.patch import TESTED
+from ..unloading import tested_depth, unloading_of
+from .erosion import repose_of
+from .stress import pressure_modulus
+from .tiles import FILL, SINKAGE, base_height, find, in_tile, nearest, surface_height, tile_of
 
 
 @kernel
@@ -67,3 +72,37 @@ def fill_patch(p, rows, marks, head, ground, frame, r_0, patch):
     for a in range(n_x):
         for b in range(n_y):
             patch.z[a, b] /= 9.0
+
+
+@kernel
+def fill_compaction(p, rows, marks, head, patch):
+    """What pressed the soil before at the nodes of a patch whose heights are filled: means of the cells around each node."""
+    n_x, n_y = patch.z.shape
+    law, modulus, least = unloading_of(p), pressure_modulus(p, p.b_w), TESTED * p.b_w
+    untouched = modulus * least**p.n
+    # A tool as large as the wheel is wide, that stands: how a wheel weakens the soil below it is that wheel's to know.
+    strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
+    reach = max(nearest(0.5 * patch.spacing, p.cell) - 1, 0)
+    for a in range(n_x):
+        for b in range(n_y):
+            patch.sinkage[a, b] = patch.yield_pressure[a, b] = 0.0
+            if patch.spacing == 0.0:
+                continue
+            i, j = nearest(patch.origin[0] + a * patch.spacing, p.cell), nearest(patch.origin[1] + b * patch.spacing, p.cell)
+            sinkage = bears = 0.0
+            for u in range(i - reach, i + reach + 1):
+                row, tile = -1, 0
+                for v in range(j - reach, j + reach + 1):
+                    if row < 0 or tile_of(v) != tile:
+                        tile = tile_of(v)
+                        row = find(marks, head, tile_of(u), tile)
+                    yields = untouched
+                    if row >= 0:
+                        pressed, fill = rows[row, SINKAGE, in_tile(u), in_tile(v)], rows[row, FILL, in_tile(u), in_tile(v)]
+                        if pressed > 0.0 or fill > 0.0:
+                            depth = tested_depth(law, modulus, p.n, pressed, least)
+                            yields = yield_pressure(strength, modulus * depth**p.n, depth, fill, 0.0, 1.0)
+                        sinkage += pressed
+                    bears += yields
+            n_cells = (2.0 * reach + 1.0) ** 2
+            patch.sinkage[a, b], patch.yield_pressure[a, b] = sinkage / n_cells, bears / n_cells

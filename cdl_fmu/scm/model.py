@@ -23,6 +23,7 @@ from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing
 from ..strength import STRENGTH
 from ..terrain.raster import load_raster
+from ..unloading import UNLOADING
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
 from .columns import WIDTH
@@ -46,6 +47,7 @@ class SCM(KernelModel):
         n_wheels: Number of wheels.
         n_patches: Number of wheels of other tiers that get the heights around them.
         n_bodies: Number of other bodies, such as footpads, bellies and rocks; each needs a mesh.
+        n_compacted: 0, or n_patches: the patches say what pressed the soil before, beside its heights.
     """
 
     parameters = (
@@ -53,6 +55,7 @@ class SCM(KernelModel):
         | SOIL
         | WHEEL
         | STRENGTH
+        | UNLOADING
         | Record(
             ground_z=Real(
                 0.0, "m", "Height of the undisturbed ground, from which sinkage counts; a base raster has heights of its own", (), -1e6, 1e6
@@ -61,15 +64,6 @@ class SCM(KernelModel):
             pressure_model=Choice("Plastic pressure", bekker="(k_c/b + k_phi) z^n", reece="(c k_c_1 + rho g b k_phi_1) (z/b)^n"),
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
-            unloading_ratio=Real(
-                8.0,
-                "1",
-                "Stiffness of soil that is unloaded and loaded again over the slope of its law of pressure; used where k_0 and A_u are 0",
-                min=1.0,
-                max=1e6,
-            ),
-            k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
-            A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),
             strength=Choice(
                 "Strength of soil that is sheared, pushed along or heaped up",
                 critical_state="falls from what plates measured to its critical state",
@@ -134,9 +128,12 @@ class SCM(KernelModel):
     }
     pool_class = SoilPool
 
-    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0):
-        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies)
-        self.identifier = f"cdl_scm_w{n_wheels}" + (f"p{n_patches}" if n_patches else "") + (f"b{n_bodies}" if n_bodies else "")
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0, n_compacted: int = 0):
+        if n_compacted not in (0, n_patches):
+            raise ValueError(f"n_compacted = {n_compacted}: choose 0 (patches of heights) or {n_patches} (patches with compaction)")
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies, n_compacted=n_compacted)
+        sizes = {"p": n_patches, "b": n_bodies, "c": n_compacted}
+        self.identifier = f"cdl_scm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         b = Real(0.0, "m", "Width b of Bekker's law; 0 = 2 A / L of the mesh's projection on its x-y plane", min=0.0, max=100.0)
         self.parameters = SCM.parameters | Record(body=Array(n_bodies, Record(b=b)))
         self.files = {
@@ -157,10 +154,14 @@ class SCM(KernelModel):
             body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
         )
         self.outputs = (
-            wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels) | patch_in(n_patches) | body_wrench(n_bodies)
+            wheel_wrench(n_wheels)
+            | contact_jacobian(n_wheels)
+            | diagnostics(n_wheels)
+            | patch_in(n_patches, n_compacted > 0)
+            | body_wrench(n_bodies)
         )
         self.initialise_kernel = initialise_kernel(n_bodies > 0)
-        self.step_kernel, self.parallel_step_kernel = step_kernels(n_patches > 0, n_bodies > 0)
+        self.step_kernel, self.parallel_step_kernel = step_kernels(n_patches > 0, n_bodies > 0, n_compacted > 0)
 
     def check(self, p) -> None:
         if p.cell > p.b_w / 3.0:

@@ -30,7 +30,7 @@ from .bodies import (
 from .columns import CELLS, DEEPEST, DEPTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS
 from .erosion import settle, slide
 from .flow import press
-from .heights import fill_patch, height_at, is_set
+from .heights import fill_compaction, fill_patch, height_at, is_set
 from .stress import deepest_of_table, pressure_modulus, tabulate
 from .tiles import SLIDING, base_height_at
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
@@ -88,8 +88,8 @@ def initialise_kernel(bodies: bool):
 
 
 @cache
-def step_kernels(patches: bool, bodies: bool):
-    """The step of a model with or without patches and bodies, with one thread and with several: those without have no such records."""
+def step_kernels(patches: bool, bodies: bool, compaction: bool):
+    """The step of a model with or without patches, bodies and compaction in its patches, with one thread and with several: those without have no such records."""
 
     @kernel
     def refused(p, u, x, y, *arrays):
@@ -289,6 +289,8 @@ def step_kernels(patches: bool, bodies: bool):
             rows, marks, head, ground, frame = arrays[:5]
             for i in range(len(u.trailing)):
                 fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, y.patch[i])
+                if compaction:
+                    fill_compaction(p, rows, marks, head, y.patch[i])
 
     @kernel
     def step(t, h, p, u, x, y, *arrays):

@@ -91,18 +91,24 @@ def diagnostics(n: int) -> Record:
     )
 
 
-def patch_in(n: int, nx: int = 13, ny: int = 9) -> Record:
-    """Height patch around each of ``n`` wheels: nodes at multiples of the spacing in world axes."""
-    return Record(
-        patch=Array(
-            n,
-            Record(
-                origin=Real(0.0, "m", "World x and y of node [1,1]", (2,), -_BIG, _BIG),
-                spacing=Real(0.0, "m", "Distance of neighbouring nodes; 0 = no patch yet", min=0.0, max=1.0),
-                z=Real(0.0, "m", "Height of the soil surface at node [x,y]", (nx, ny), -_BIG, _BIG),
+def patch_in(n: int, compaction: bool = False, nx: int = 13, ny: int = 9) -> Record:
+    """Height patch around each of ``n`` wheels: nodes at multiples of the spacing in world axes.
+
+    With ``compaction`` it carries what pressed the soil before, too.
+    """
+    nodes = Record(
+        origin=Real(0.0, "m", "World x and y of node [1,1]", (2,), -_BIG, _BIG),
+        spacing=Real(0.0, "m", "Distance of neighbouring nodes; 0 = no patch yet", min=0.0, max=1.0),
+        z=Real(0.0, "m", "Height of the soil surface at node [x,y]", (nx, ny), -_BIG, _BIG),
+    )
+    if compaction:
+        nodes |= Record(
+            sinkage=Real(0.0, "m", "Plastic sinkage that is left of what pressed the soil at node [x,y]", (nx, ny), 0.0, _BIG),
+            yield_pressure=Real(
+                0.0, "Pa", "Pressure at which the soil at node [x,y] yields again; 0 where it is untouched", (nx, ny), 0.0, 1e12
             ),
         )
-    )
+    return Record(patch=Array(n, nodes))
 
 
 def trailing_in(n: int) -> Record:
