@@ -48,8 +48,8 @@ def model_of(identifier: str) -> Model:
         why = f": {error}"
     shipped = ", ".join(model.identifier for model in SHIPPED)
     raise ModelError(
-        f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p), patches with compaction (c) and bodies (b) "
-        "others can be built, such as cdl_scm_w4p2b1"
+        f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p), patches with "
+        "compaction (c) and bodies (b) others can be built, such as cdl_scm_w4p2b1"
     )
 
 

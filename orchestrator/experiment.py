@@ -234,7 +234,11 @@ class Experiment:
         """Options that set a value of a tier without wheel; the file's own sections may wait for one."""
         idle = {tier.lower(): tier for tier in TIERS if tier.lower() not in self._models}
         on = ", ".join(dict.fromkeys(self.tiers.values()))
-        return [
+        found = []
+        if self._compaction and "bcm" in self._models and not self._models["bcm"].sizes["n_compacted"]:
+            place = self._place("bcm", "compaction")
+            found.append(f"{place}: bcm.compaction has no effect: no wheel on SCM presses the soil that wheels on BCM stand on")
+        return found + [
             f"{option}: it has no effect: no wheel is on {idle[section]}, only on {on}"
             for key, option in self._options.items()
             if (section := key.partition(".")[0]) in idle
@@ -242,8 +246,7 @@ class Experiment:
 
     def _structure(self, tables: Mapping) -> tuple[dict, bool]:
         """Tables without what decides which models are taken, ``bcm.compaction``, and that."""
-        section = tables.get("bcm", {})
-        wanted = section.get("compaction", False)
+        wanted = (section := tables.get("bcm", {})).get("compaction", False)
         if not isinstance(wanted, bool):
             where = self._place("bcm", "compaction")
             raise ExperimentError(f"{where}: bcm.compaction = {wanted!r}: use true (wheels feel what pressed the soil before) or false")

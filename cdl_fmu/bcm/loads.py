@@ -72,9 +72,12 @@ def pressure_at(soil, patch, z, sin, cos, xi):
     if patch is None:
         return sigma, soil.n * sigma / z, sigma
     x, y, r = soil.x_0, soil.y_0, soil.r
-    floor, yields = pressed_before(
-        patch, x[0] + r * (sin * x[1] - cos * x[3]) + xi * x[2], y[0] + r * (sin * y[1] - cos * y[3]) + xi * y[2]
+    forward, down = r * sin, -r * cos
+    inside, floor, yields = pressed_before(
+        patch, x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3]
     )
+    if not inside:
+        return sigma, soil.n * sigma / z, sigma
     tested = tested_depth(soil.unloading, soil.modulus, soil.n, floor, soil.tested)
     plastic = sigma * min(yields / bekker(soil.modulus, tested, soil.n), 1.0)
     if z <= floor:
@@ -120,7 +123,7 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     """Normal and shear stress on the rim, integrated over theta and, with camber or yaw, across the width.
 
     Args:
-        soil: Bekker's modulus for the wheel's width [N/m^(n+2)].
+        soil, patch: The soil below the wheel, and what pressed it before, see ``pressure_at``.
         r_s: Radius on which the soil shears [m], see shear_radius.
         v_x, v_a, v_r, w_x, w_a, w_r: Velocity [m/s] and angular velocity [rad/s] of the wheel in its axes.
         travel: Signed speed that shapes the contact [m/s].
@@ -196,7 +199,9 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
                 v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
                 phi_m = janosi_velocity(math.sqrt(v_t * v_t + v_l * v_l), V_j)
                 static, rise, dense = pressure_at(soil, patch, z, sin, cos, xi)
-                if weak and static > 0.0:
+                if static <= 0.0 < z:
+                    continue  # clear of a floor that was pressed before
+                if weak and z > 0.0:
                     # Sinking is no slip: soil would lose strength the faster a wheel sinks, which then sinks the faster.
                     rolling = (v_x - w_r * xi) * cos_v - w_a * r_s
                     yields = _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, rolling, v_l, V_j)
@@ -348,7 +353,7 @@ def _face(p, theta, d, cos_g, soil, patch, gamma_s, N_phi, theta_front, theta_re
 
 
 @kernel
-def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
+def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel):
     """Passive earth force on the side faces, wherever they move against the soil.
 
     Returns:
@@ -362,6 +367,8 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
     gamma_s = p.rho * p.gravity
     half = 0.5 * (theta_front + theta_rear)
+    length, depth = p.r_w * math.sin(theta_1), p.r_w * (1.0 - math.cos(theta_1))
+    wall = strength_of(p, p.strength == 2.0, p.phi, p.b_w, length, depth, v_x).wall
     for k in range(_N):
         theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
         sin, cos = math.sin(theta), math.cos(theta)
@@ -372,7 +379,7 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
             continue
         q = p.kappa_q * pressure_at(soil, patch, height, sin, cos, xi)[0]
         V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
-        g = rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
+        g = wall * rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
         f = -g * v_l
         fa += f
         mx += (p.r_w * cos - height / 3.0) * f  # a pressure that grows with depth acts at a third of the height

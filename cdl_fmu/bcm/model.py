@@ -251,7 +251,7 @@ def _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown):
         )
         fx, fa, fr, mx, ma, mr = fx + gx, fa + ga, fr + gr, mx + nx, ma + na, mr + nr
         k_z, d_x, d_y, d_z = k_z + kz, d_x + ex, d_y + ey, d_z + ez
-    sa, sx, sr, sy = loads.sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel)
+    sa, sx, sr, sy = loads.sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel)
     fa, mx, mr, d_y = fa + sa, mx + sx, mr + sr, d_y + sy
 
     weight = wheel.active

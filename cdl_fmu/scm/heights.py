@@ -10,7 +10,7 @@ from ..terrain.patch import TESTED
 from ..unloading import tested_depth, unloading_of
 from .erosion import repose_of
 from .stress import pressure_modulus
-from .tiles import FILL, SINKAGE, base_height, find, in_tile, nearest, surface_height, tile_of
+from .tiles import FILL, SINKAGE, TILE, base_height, find, in_tile, nearest, surface_height, tile_of
 
 
 @kernel
@@ -85,24 +85,29 @@ def fill_compaction(p, rows, marks, head, patch):
     reach = max(nearest(0.5 * patch.spacing, p.cell) - 1, 0)
     for a in range(n_x):
         for b in range(n_y):
-            patch.sinkage[a, b] = patch.yield_pressure[a, b] = 0.0
+            patch.sinkage[a, b], patch.yield_pressure[a, b] = 0.0, untouched
             if patch.spacing == 0.0:
                 continue
             i, j = nearest(patch.origin[0] + a * patch.spacing, p.cell), nearest(patch.origin[1] + b * patch.spacing, p.cell)
-            sinkage = bears = 0.0
-            for u in range(i - reach, i + reach + 1):
-                row, tile = -1, 0
-                for v in range(j - reach, j + reach + 1):
-                    if row < 0 or tile_of(v) != tile:
-                        tile = tile_of(v)
-                        row = find(marks, head, tile_of(u), tile)
-                    yields = untouched
-                    if row >= 0:
-                        pressed, fill = rows[row, SINKAGE, in_tile(u), in_tile(v)], rows[row, FILL, in_tile(u), in_tile(v)]
-                        if pressed > 0.0 or fill > 0.0:
-                            depth = tested_depth(law, modulus, p.n, pressed, least)
-                            yields = yield_pressure(strength, modulus * depth**p.n, depth, fill, 0.0, 1.0)
-                        sinkage += pressed
-                    bears += yields
-            n_cells = (2.0 * reach + 1.0) ** 2
-            patch.sinkage[a, b], patch.yield_pressure[a, b] = sinkage / n_cells, bears / n_cells
+            pressed, fill = _pressed_around(i, j, reach, rows, marks, head)
+            if pressed > 0.0 or fill > 0.0:
+                depth = tested_depth(law, modulus, p.n, pressed, least)
+                patch.sinkage[a, b] = pressed
+                patch.yield_pressure[a, b] = yield_pressure(strength, modulus * depth**p.n, depth, fill, 0.0, 1.0)
+
+
+@kernel
+def _pressed_around(i, j, reach, rows, marks, head):
+    """Mean plastic sinkage and fill [m] of the cells around cell (i, j), up to ``reach`` cells away."""
+    sinkage = fill = 0.0
+    for ti in range(tile_of(i - reach), tile_of(i + reach) + 1):
+        for tj in range(tile_of(j - reach), tile_of(j + reach) + 1):
+            row = find(marks, head, ti, tj)
+            if row < 0:
+                continue
+            for u in range(max(i - reach, ti * TILE), min(i + reach, ti * TILE + TILE - 1) + 1):
+                for v in range(max(j - reach, tj * TILE), min(j + reach, tj * TILE + TILE - 1) + 1):
+                    sinkage += rows[row, SINKAGE, in_tile(u), in_tile(v)]
+                    fill += rows[row, FILL, in_tile(u), in_tile(v)]
+    n = (2.0 * reach + 1.0) ** 2
+    return sinkage / n, fill / n

@@ -89,7 +89,10 @@ def initialise_kernel(bodies: bool):
 
 @cache
 def step_kernels(patches: bool, bodies: bool, compaction: bool):
-    """The step of a model with or without patches, bodies and compaction in its patches, with one thread and with several: those without have no such records."""
+    """The step of a model with or without patches, bodies and compaction in its patches; with one thread and with several.
+
+    Those without have no such records.
+    """
 
     @kernel
     def refused(p, u, x, y, *arrays):

@@ -48,11 +48,17 @@ def add_sinkage(patch, sinkage, x, y, z, slope_x, slope_y):
 
 @kernel
 def pressed_before(patch, x, y):
-    """Plastic sinkage [m] and yield pressure [Pa] at the world position (x, y) [m] of a patch with compaction; 0 beyond it."""
+    """What pressed the soil before at the world position (x, y) [m] of a patch with compaction.
+
+    Returns:
+        inside: False where the patch does not reach; the rest is 0 there.
+        sinkage: Plastic sinkage [m].
+        yield_pressure: [Pa].
+    """
     inside, i, j, s, q = _place(patch, x, y)
     if not inside:
-        return 0.0, 0.0
-    return _bilinear(patch.sinkage, i, j, s, q, 1.0)[0], _bilinear(patch.yield_pressure, i, j, s, q, 1.0)[0]
+        return False, 0.0, 0.0
+    return True, _bilinear(patch.sinkage, i, j, s, q, 1.0)[0], _bilinear(patch.yield_pressure, i, j, s, q, 1.0)[0]
 
 
 @kernel(inline=True)
