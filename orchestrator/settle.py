@@ -48,8 +48,8 @@ def settle(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], 
     """Move ``rover`` until it rests on ``contacts``.
 
     A contact that remembers, such as a soil that was pressed, answers each pose as if it came from the start to that pose at once: so does
-    a run's first step, which then finds the rover at rest. On a slope it finds the loads of a rover at rest, but no friction yet, which comes
-    with the first motion downhill; here each wheel is held in proportion to its load.
+    a run's first step, which then finds the rover at rest. On a slope each wheel is held in proportion to its load: a run's first step
+    finds the loads of a rover at rest, and friction comes with the first millimetres downhill.
 
     Args:
         rover: Instance with the interface of :class:`mbs.rover.Rover`, its start pose above the ground.
@@ -124,7 +124,7 @@ def _hold(rover: Instance, force: np.ndarray, arms: np.ndarray) -> None:
     held = np.maximum(force[:, 2:], 0.0) * (uphill / uphill[2]) * (1.0, 1.0, 0.0)
     centres = np.array(rover.y["wheel"]["r_0"])
     heading = centres[0] - centres[-1]
-    # Drives that stand still pass a wheel's torque on to the body, where it is as good as a couple of forces on the first wheel and the last.
+    # Drives that stand still pass a wheel's torque on to the body, where a couple of forces on the first wheel and the last does the same.
     torque = np.cross(arms, held).sum(axis=0)
     lift = (torque[1] * heading[0] - torque[0] * heading[1]) / (heading[:2] @ heading[:2])
     force += held

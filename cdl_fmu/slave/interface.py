@@ -25,7 +25,9 @@ ENVIRONMENT = Record(
         max=100.0,
         names={"Earth": 9.81, "Mars": 3.71, "Moon": 1.62},
     ),
-    slope=Real(0.0, "rad", "Slope of the ground, in which the world's x and y axes lie; gravity is tilted against z by it", min=0.0, max=1.5),
+    slope=Real(
+        0.0, "rad", "Slope of the ground, in which the world's x and y axes lie; gravity is tilted against z by it", min=0.0, max=1.5
+    ),
     uphill=Real(
         0.0,
         "rad",
