@@ -142,7 +142,7 @@ def _equilibrium(tier: str, found: Drive, degrees: float, course: str, force: st
 
 
 def _numbers(tier: str, course: str, degrees: float, found: Drive) -> list[float | str]:
-    return [tier, course, degrees, *found.slip, *np.degrees([*found.slip_angle, found.drift]).tolist()]
+    return [tier, course, degrees, *found.slip, *(np.degrees([*found.slip_angle, found.drift]).round(3) + 0.0).tolist()]
 
 
 def _single_wheels(bench: Bench) -> dict[str, np.ndarray]:
