@@ -148,6 +148,14 @@ def test_a_face_is_steep_by_the_exact_angle_between_its_normal_and_the_vertical(
         assert _is_steep(p, tan, tilt, x * p.cell, y * p.cell) == (angle > math.atan(tan + 0.004))
 
 
+@pytest.mark.parametrize("uphill", [0.0, 0.7, -2.0])
+def test_the_steepest_drops_across_corners_are_lines_at_the_angle_of_repose(uphill):
+    p, e = scm(slope=0.4, uphill=uphill).p, np.array(vertical(0.4, uphill))
+    tilt, half = _tilt(p, math.tan(p.phi)), math.sqrt(0.5)
+    for drop, x, y in ((tilt.ahead, half, half), (tilt.behind, -half, -half), (tilt.left, -half, half), (tilt.right, half, -half)):
+        assert math.asin(np.array([x, y, -drop]) @ -e / math.hypot(1.0, drop)) == pytest.approx(p.phi)
+
+
 def test_soil_slides_down_the_line_of_steepest_descent():
     p = scm(slope=0.4, uphill=0.7).p
     tan, e = math.tan(p.phi), np.array(vertical(0.4, 0.7))
