@@ -28,6 +28,7 @@ from ..terramechanics import (
     mapped_shear_velocity,
     mohr_coulomb,
     rankine_wall,
+    unit_weight,
     wong_reece_mirror,
 )
 from ..unloading import Unloading, pressure, tested_depth, unloading_stiffness
@@ -276,7 +277,7 @@ def grousers(p, soil, patch, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
     drop_front = p.r_w * cos_g * (math.cos(theta_front) - math.cos(theta_1))
     drop_rear = p.r_w * cos_g * (math.cos(theta_rear) - math.cos(theta_1))
-    gamma_s = p.rho * p.gravity
+    gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     damping = max(0.0, 1.0 - p.c_d * (v_a * sin_g + v_r * cos_g))
     reach = math.acos(max(-1.0, min(1.0, d / (r_tip * cos_g))))
     first = math.ceil((-reach - angle) / pitch)
@@ -365,7 +366,7 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, trave
         return fa, mx, mr, d_y
     theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
-    gamma_s = p.rho * p.gravity
+    gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     half = 0.5 * (theta_front + theta_rear)
     length, depth = p.r_w * math.sin(theta_1), p.r_w * (1.0 - math.cos(theta_1))
     wall = strength_of(p, p.strength == 2.0, p.phi, p.b_w, length, depth, v_x).wall

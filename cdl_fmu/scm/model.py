@@ -27,6 +27,7 @@ from ..unloading import UNLOADING
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
 from .columns import WIDTH
+from .erosion import repose_of
 from .meshes import load_meshes
 from .pool import SoilPool
 from .step import FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise_kernel, step_kernels
@@ -169,6 +170,11 @@ class SCM(KernelModel):
                 f"cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {p.b_w / 3.0:.3g} m"
             )
         check_wheel(p)
+        if p.slope > (repose := repose_of.py_func(p)):
+            raise ModelError(
+                f"slope = {p.slope:g} rad: steeper than the soil's angle of repose, {repose:.4g} rad, it slides down by itself; "
+                f"use at most {repose:.4g} rad, or raise repose (0 = phi)"
+            )
         for name in ("erosion_sweeps", "max_tiles"):
             if p[name] != math.floor(p[name]):
                 raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from ..terramechanics import bekker_modulus, janosi_displacement
+from ..terramechanics import bekker_modulus, janosi_displacement, unit_weight
 
 #: Largest shear displacement that a cell remembers, in units of K: beyond it reversing would take longer than mobilising did.
 LONGEST_MEMORY = 5.0
@@ -23,7 +23,8 @@ def whole(force):
 def pressure_modulus(p, b):
     """k [N/m^(n+2)] of the pressure k z^n under a tool of width b [m]."""
     if p.pressure_model == 2.0:
-        return (p.c * p.k_c_1 + p.rho * p.gravity * b * p.k_phi_1) / b**p.n  # Reece 1965: (c k'_c + gamma_s b k'_phi) (z/b)^n
+        gamma_s = unit_weight(p.rho, p.gravity, p.slope)
+        return (p.c * p.k_c_1 + gamma_s * b * p.k_phi_1) / b**p.n  # Reece 1965: (c k'_c + gamma_s b k'_phi) (z/b)^n
     return bekker_modulus(p.k_c, p.k_phi, b)  # Eq. (8.5)
 
 

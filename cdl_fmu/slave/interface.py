@@ -1,10 +1,13 @@
 """The contact interface (the unified interface of the Contact Dynamics Library): the records that every tier shares.
 
-World frame: z up. Suffix ``_0`` = resolved in the world frame. ``T`` is the rotation from world to wheel, as ``R.T`` in
+World frame: z up, on a slope normal to it, so that x and y lie in the slope and gravity is what tilts. Suffix ``_0`` = resolved in the
+world frame. ``T`` is the rotation from world to wheel, as ``R.T`` in
 Modelica.Mechanics.MultiBody.Frames: ``v_wheel = T @ v_0``. The wheel frame spins with the wheel; its y axis is the axle, to the left.
 """
 
 from __future__ import annotations
+
+import math
 
 from .records import Array, Real, Record
 
@@ -14,7 +17,24 @@ _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 #: Parameters that every part of a system shares.
 ENVIRONMENT = Record(
-    gravity=Real(9.81, "m/s2", "Acceleration of gravity, along -z", min=0.0, max=100.0, names={"Earth": 9.81, "Mars": 3.71, "Moon": 1.62})
+    gravity=Real(
+        9.81,
+        "m/s2",
+        "Acceleration of gravity, along -z on level ground",
+        min=0.0,
+        max=100.0,
+        names={"Earth": 9.81, "Mars": 3.71, "Moon": 1.62},
+    ),
+    slope=Real(
+        0.0, "rad", "Slope of the ground, in which the world's x and y axes lie; gravity is tilted against z by it", min=0.0, max=1.5
+    ),
+    uphill=Real(
+        0.0,
+        "rad",
+        "Direction of the slope's steepest ascent from the x axis, positive to the left; used where slope is not 0",
+        min=-2.0 * math.pi,
+        max=2.0 * math.pi,
+    ),
 )
 
 
@@ -84,7 +104,7 @@ def diagnostics(n: int) -> Record:
                 theta_exit=Real(0.0, "rad", "Exit angle theta_0 from nadir, positive forward"),
                 drawbar_pull=Real(0.0, "N", "Longitudinal contact force in the heading frame"),
                 lateral_force=Real(0.0, "N", "Lateral contact force in the heading frame, positive to the left"),
-                normal_load=Real(0.0, "N", "Vertical contact force"),
+                normal_load=Real(0.0, "N", "Contact force along z"),
                 drive_torque=Real(0.0, "N.m", "Torque that the drive has to exert against the contact, about the axle"),
             ),
         )
