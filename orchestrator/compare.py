@@ -29,7 +29,7 @@ _BEYOND = {"SxB+": (("SCM", "BCM"), {"bcm.compaction": True})}
 REFERENCE = "SxS"
 
 #: Run -> tiers and own settings, in the order in which they are run and shown: the reference last.
-_ALL = {run: (tiers, {}) for run, tiers in RUNS.items() if run != REFERENCE} | _BEYOND | {REFERENCE: (RUNS[REFERENCE], {})}
+DRIVES = {run: (tiers, {}) for run, tiers in RUNS.items() if run != REFERENCE} | _BEYOND | {REFERENCE: (RUNS[REFERENCE], {})}
 
 #: Table 8.3's variables, and the distance of a wheel's path from the reference's.
 _FORCES_AND_PLACES = ("front.F_x", "rear.F_x", "front.F_y", "rear.F_y", "front.z", "rear.z", "front.y", "rear.y")
@@ -178,7 +178,7 @@ def compare(
     out = Path("results", f"compare_{experiment.stem}") if out is None else Path(out)
     claims = load_claims(CLAIMS)
     outcomes, results, courses = {}, {}, {}
-    for run, (tiers, own) in _ALL.items():
+    for run, (tiers, own) in DRIVES.items():
         with watch(run) as display:
             outcome = simulate(
                 experiment,
