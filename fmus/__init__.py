@@ -16,7 +16,11 @@ from mbs.rover import Rover
 TIERS = {"BCM": BCM, "SCM": SCM}
 
 #: Every FMU that is shipped, one for each set of sizes.
-SHIPPED = [BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), SCM(1), SCM(2), SCM(1, 1), Rover(2), Driver(2), Carriage(1)]
+SHIPPED = [
+    *(BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), BCM(1, 1, 1)),
+    *(SCM(1), SCM(2), SCM(1, 1), SCM(1, 1, n_compacted=1)),
+    *(Rover(2), Driver(2), Carriage(1)),
+]
 
 _FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
 _SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted"}

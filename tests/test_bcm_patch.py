@@ -5,7 +5,7 @@ import pytest
 
 from cdl_fmu import BCM, Instance, load_soil, unloading
 from cdl_fmu.frames import axis_rotation
-from cdl_fmu.terrain.patch import TESTED
+from cdl_fmu.slave.interface import TESTED
 
 SOIL = load_soil("mss_d")
 R, SPACING = 0.125, 0.03

@@ -28,8 +28,8 @@ from soil import (
 from cdl_fmu import SCM, Instance, load_soil
 from cdl_fmu.scm.stress import pressure_modulus
 from cdl_fmu.scm.tiles import FILL, SINKAGE, SLIDING, TILE, TILE_I, TILE_J
+from cdl_fmu.slave.interface import TESTED
 from cdl_fmu.slave.kernel import MOST_THREADS
-from cdl_fmu.terrain.patch import TESTED
 from cdl_fmu.unloading import unloading_of
 
 MIRRORED = np.array([1, -1, 1, -1, 1, -1, 1])

@@ -19,13 +19,13 @@ from ..contact import (
     show,
 )
 from ..frames import cross, dot
-from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
+from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing
 from ..strength import STRENGTH
-from ..terrain.patch import TESTED, surface
+from ..terrain.patch import surface
 from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
 from ..unloading import UNLOADING, unloading_of

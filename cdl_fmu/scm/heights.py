@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from ..slave.interface import TESTED
 from ..slave.kernel import kernel
 from ..strength import strength_of, yield_pressure
-from ..terrain.patch import TESTED
 from ..unloading import tested_depth, unloading_of
 from .erosion import repose_of
 from .stress import pressure_modulus

@@ -12,6 +12,8 @@ import math
 from .records import Array, Real, Record
 
 _BIG = 1e6  # [m], [m/s], [rad/s]: beyond this a value is not a rover's
+#: Least depth that the yield pressure of a patch is of, in widths of the wheel: there a loose mound shows.
+TESTED = 0.3
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -125,7 +127,12 @@ def patch_in(n: int, compaction: bool = False, nx: int = 13, ny: int = 9) -> Rec
         nodes |= Record(
             sinkage=Real(0.0, "m", "Plastic sinkage that is left of what pressed the soil at node [x,y]", (nx, ny), 0.0, _BIG),
             yield_pressure=Real(
-                0.0, "Pa", "Pressure at which the soil at node [x,y] yields again; 0 where it is untouched", (nx, ny), 0.0, 1e12
+                0.0,
+                "Pa",
+                f"Pressure at which the soil at node [x,y] yields at the depth to which it was pressed, at least {TESTED:g} wheel widths",
+                (nx, ny),
+                0.0,
+                1e12,
             ),
         )
     return Record(patch=Array(n, nodes))

@@ -6,9 +6,6 @@ import math
 
 from ..slave.kernel import kernel
 
-#: Least depth that the yield pressure of a patch is of, in widths of the wheel: a loose mound shows there.
-TESTED = 0.3
-
 
 @kernel(inline=True)
 def _place(patch, x, y):
