@@ -30,7 +30,7 @@ from .bodies import (
 from .columns import CELLS, DEEPEST, DEPTH, PUSHED_X, PUSHED_Y, SIDE_ACROSS, SIDE_ALONG, SUMS
 from .erosion import settle, slide
 from .flow import press
-from .heights import fill_compaction, fill_patch, height_at, is_set
+from .heights import fill_patch, height_at, is_set
 from .stress import deepest_of_table, pressure_modulus, tabulate
 from .tiles import SLIDING, base_height_at
 from .tools import answer, approach, diagnose, patch_inside, rearrange, wheel_inside
@@ -291,9 +291,11 @@ def step_kernels(patches: bool, bodies: bool, compaction: bool):
         if patches:
             rows, marks, head, ground, frame = arrays[:5]
             for i in range(len(u.trailing)):
-                fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, y.patch[i])
+                patch = y.patch[i]
                 if compaction:
-                    fill_compaction(p, rows, marks, head, y.patch[i])
+                    fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, patch, patch.sinkage, patch.yield_pressure)
+                else:
+                    fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, patch)
 
     @kernel
     def step(t, h, p, u, x, y, *arrays):
