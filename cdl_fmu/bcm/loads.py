@@ -369,7 +369,8 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, trave
     gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     half = 0.5 * (theta_front + theta_rear)
     length, depth = p.r_w * math.sin(theta_1), p.r_w * (1.0 - math.cos(theta_1))
-    wall = strength_of(p, p.strength == 2.0, p.phi, p.b_w, length, depth, v_x).wall
+    s = strength_of(p, p.strength == 2.0, p.phi, p.b_w, length, depth, v_x)
+    lead = theta_front if travel >= 0.0 else -theta_rear
     for k in range(_N):
         theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
         sin, cos = math.sin(theta), math.cos(theta)
@@ -379,8 +380,12 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, trave
         if height <= 0.0:
             continue
         q = p.kappa_q * pressure_at(soil, patch, height, sin, cos, xi)[0]
-        V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
-        g = wall * rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
+        V_j = p.V_j
+        if p.V_j_mode == 2.0:
+            # Soil beside the wheel is passed at the speed of travel, however fast the rim spins.
+            passed = p.r_w * abs(math.sin(lead) - sin)
+            V_j = max(s.wall_modulus * abs(v_x) / max(passed, 1e-6), _LEAST_V_J)
+        g = s.wall * rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
         f = -g * v_l
         fa += f
         mx += (p.r_w * cos - height / 3.0) * f  # a pressure that grows with depth acts at a third of the height
