@@ -59,6 +59,12 @@ def is_rotation(T):
     return dot(x, y, z, T[2, 0], T[2, 1], T[2, 2]) > 0.0
 
 
+@kernel
+def vertical(slope, uphill):
+    """Unit vector against gravity in the axes of a slope [rad] that rises most towards ``uphill`` [rad] from its x axis."""
+    return math.sin(slope) * math.cos(uphill), math.sin(slope) * math.sin(uphill), math.cos(slope)
+
+
 def axis_rotation(axis: int, angle: float) -> np.ndarray:
     """T of a frame 2 that is frame 1 turned by ``angle`` [rad] about axis 1, 2 or 3 (MultiBody's axisRotation), shape [3, 3]."""
     i, j = axis % 3, (axis + 1) % 3

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from .contact import SLIP_FLOOR
 from .slave.kernel import kernel
 from .slave.records import Real, Record
-from .terramechanics import flow_value
+from .terramechanics import flow_value, unit_weight
 
 #: Constants of the law. All were chosen on the CMU tests of a smooth wheel (see validation/), within what the theory says.
 STRENGTH = Record(
@@ -75,7 +75,7 @@ def strength_of(p, critical, phi_cs, width, length, depth, speed):
     tan_phi, tan_cs, sin_cs = math.tan(p.phi), math.tan(phi_cs), math.sin(phi_cs)
     N_q = flow_value(phi_cs) * math.exp(math.pi * tan_cs)  # Prandtl 1920, Reissner 1924
     N_gamma = 2.0 * (N_q + 1.0) * tan_cs  # Vesic 1975
-    gamma_s, N_phi = p.rho * p.gravity, flow_value(p.phi)
+    gamma_s, N_phi = unit_weight(p.rho, p.gravity, p.slope), flow_value(p.phi)
     shape = max(length, _LEAST) / width
     return Strength(
         1.0 / (p.softening * p.K) if p.softening > 0.0 else 0.0,

@@ -88,6 +88,12 @@ def flow_value(phi):
 
 
 @kernel
+def unit_weight(rho, gravity, slope):
+    """Weight of soil per volume [N/m3] along the ground's normal, by which pressure grows with depth in a layer on a slope [rad]."""
+    return rho * gravity * math.cos(slope)  # infinite slope, Terzaghi 1943
+
+
+@kernel
 def rankine_wall(gamma_s, height, depth, q, c, N_phi):
     """Passive earth force per width [N/m] on a wall of that height [m] whose top lies at depth [m], surcharge q [Pa]."""
     sigma_top = gamma_s * depth * N_phi + q * N_phi + 2.0 * c * math.sqrt(N_phi)  # Eq. (8.8)

@@ -16,10 +16,14 @@ from mbs.rover import Rover
 TIERS = {"BCM": BCM, "SCM": SCM}
 
 #: Every FMU that is shipped, one for each set of sizes.
-SHIPPED = [BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), SCM(1), SCM(2), SCM(1, 1), Rover(2), Driver(2), Carriage(1)]
+SHIPPED = [
+    *(BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), BCM(1, 1, 1)),
+    *(SCM(1), SCM(2), SCM(1, 1), SCM(1, 1, n_compacted=1)),
+    *(Rover(2), Driver(2), Carriage(1)),
+]
 
 _FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
-_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies"}
+_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted"}
 
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.
 CLAIMS = Path(__file__).with_name("two_wheel_claims.toml")
@@ -48,18 +52,20 @@ def model_of(identifier: str) -> Model:
         why = f": {error}"
     shipped = ", ".join(model.identifier for model in SHIPPED)
     raise ModelError(
-        f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p) and bodies (b) "
-        "others can be built, such as cdl_scm_w4p2b1"
+        f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p), patches with "
+        "compaction (c) and bodies (b) others can be built, such as cdl_scm_w4p2b1"
     )
 
 
-def contacts(tiers: Iterable[str]) -> dict[str, KernelModel]:
+def contacts(tiers: Iterable[str], compaction: bool = False) -> dict[str, KernelModel]:
     """The model of each tier for wheels on these tiers, in an order in which each needs the outputs of earlier ones alone.
 
-    Where SCM carries a wheel it owns the soil, and the wheels of other tiers stand on patches of it.
+    Where SCM carries a wheel it owns the soil, and the wheels of other tiers stand on patches of it, which say what pressed the
+    soil before if ``compaction`` is wanted.
     """
     wheels = Counter(tiers)
     n_scm, n_bcm = wheels["SCM"], wheels["BCM"]
     n_patches = n_bcm if n_scm else 0
-    sizes = {"SCM": (n_scm, n_patches), "BCM": (n_bcm, n_patches)}
-    return {tier: TIERS[tier](*sizes[tier]) for tier in sizes if wheels[tier]}
+    n_compacted = n_patches if compaction else 0
+    numbers = {"SCM": n_scm, "BCM": n_bcm}
+    return {tier: TIERS[tier](n, n_patches, n_compacted=n_compacted) for tier, n in numbers.items() if n}

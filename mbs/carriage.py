@@ -25,15 +25,18 @@ class Carriage(KernelModel):
     against a damper, never deeper than it will rest, as soil remembers how deep it was pressed. Then speed and wheel rate rise together,
     so that the slip is the same throughout.
 
-    Step: the vertical contact force is F = F0 - K (z - z_a) - D (v - v_a), implicit in the velocity at the step's end; a contact that would
-    pull is left out. Without the contact's Jacobian the force acts as it is. What moves is the mass load / gravity.
+    On a slope the load is what presses the wheel on the ground, along z, and the carriage bears the weight's other component: the slope
+    acts on the soil alone.
+
+    Step: the contact force along z is F = F0 - K (z - z_a) - D (v - v_a), implicit in the velocity at the step's end; a contact that would
+    pull is left out. Without the contact's Jacobian the force acts as it is. What moves is the mass load / (gravity cos(slope)).
     """
 
     feedthrough = False
     identifier = "cdl_carriage_w1"
 
     parameters = ENVIRONMENT | Record(
-        load=Real(100.0, "N", "Vertical load on the wheel, its own weight included", min=1e-3, max=1e6),
+        load=Real(100.0, "N", "Load on the wheel along the ground's normal, its own weight included", min=1e-3, max=1e6),
         speed=Real(0.05, "m/s", "Speed of the carriage", min=0.0, max=100.0),
         slip_angle=Real(
             0.0, "rad", "Angle from the wheel's heading to the carriage's velocity, positive to the left", (), -math.pi / 2, math.pi / 2
@@ -114,7 +117,7 @@ def _vertical_speed(t, h, p, wheel, contact, z, v):
     if t + 0.5 * h < p.lowering_time:
         mass, damping = 0.0, p.load / LOWERING_SPEED
     else:
-        mass, damping = p.load / p.gravity, 0.0
+        mass, damping = p.load / (p.gravity * math.cos(p.slope)), 0.0
     force, K, D = wheel.f_0[2], 0.0, 0.0
     if contact.in_contact > 0.5:
         for k in range(3):

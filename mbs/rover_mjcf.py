@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import mujoco
 
+from cdl_fmu.frames import vertical
+
 #: Which wheels steer, front wheel first (section 8.4.2: the rear wheel alone).
 STEERED = (False, True)
 
@@ -19,10 +21,11 @@ def two_wheel(p) -> mujoco.MjModel:
     """
     # implicitfast is implicit in the damping of contacts and servos. It leaves out the Coriolis derivatives of implicit: the drive on
     # BCM is as close to the reference with either (rms of the forces at 1 ms within 0.0154 % of the wheel load), in 1.7 us less a step.
+    down = " ".join(str(-p.gravity * along) for along in vertical(p.slope, p.uphill))
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco model="two-wheel rover">
   <compiler angle="radian"/>
-  <option integrator="implicitfast" gravity="0 0 {-p.gravity}">
+  <option integrator="implicitfast" gravity="{down}">
     <flag contact="disable" autoreset="disable"/>
   </option>
   <worldbody>

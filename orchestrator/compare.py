@@ -1,4 +1,4 @@
-"""The drives BxB, SxB and SxS of one experiment, measured against each other and against section 8.5: what ``cdl compare`` does."""
+"""The drives BxB, SxB, SxB+ and SxS of one experiment, measured against each other and section 8.5: what ``cdl compare`` does."""
 
 from __future__ import annotations
 
@@ -21,8 +21,15 @@ from .terminal import Display
 #: Computation time of each run relative to BxB's as Table 8.4 has it.
 TABLE_8_4 = {"BxB": 1.0, "SxB": 1.5, "SxS": 2.3}
 
+#: The run beyond the chapter, whose trailing wheel feels what pressed the soil before: its tiers, and what is set for it alone. It is
+#: measured as the others are, and the claims, which are the chapter's, do not know it.
+_BEYOND = {"SxB+": (("SCM", "BCM"), {"bcm.compaction": True})}
+
 #: The run that the others are measured against.
 REFERENCE = "SxS"
+
+#: Run -> tiers and own settings, in the order in which they are run and shown: the reference last.
+DRIVES = {run: (tiers, {}) for run, tiers in RUNS.items() if run != REFERENCE} | _BEYOND | {REFERENCE: (RUNS[REFERENCE], {})}
 
 #: Table 8.3's variables, and the distance of a wheel's path from the reference's.
 _FORCES_AND_PLACES = ("front.F_x", "rear.F_x", "front.F_y", "rear.F_y", "front.z", "rear.z", "front.y", "rear.y")
@@ -57,7 +64,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What the three runs of an experiment came to.
+    """What the runs of an experiment came to.
 
     Attributes:
         out: Folder with everything.
@@ -102,7 +109,7 @@ class Comparison:
 
     def _table_8_4(self) -> Sheet:
         rows = [
-            [run, f"{outcome.wall_s:.3g} s", f"{self.time_factors[run]:.2f}", f"{TABLE_8_4[run]:g}"]
+            [run, f"{outcome.wall_s:.3g} s", f"{self.time_factors[run]:.2f}", f"{TABLE_8_4[run]:g}" if run in TABLE_8_4 else ""]
             for run, outcome in self.outcomes.items()
         ]
         simulated = self.outcomes["BxB"].simulated_s
@@ -142,11 +149,11 @@ def compare(
     stop_time: float | None = None,
     watch: Callable[[str], AbstractContextManager[Display]] = lambda run: nullcontext(Display()),
 ) -> Comparison:
-    """Run an experiment as BxB, SxB and SxS, one after another, and compare them.
+    """Run an experiment as BxB, SxB, SxB+ and SxS, one after another, and compare them.
 
     Args:
         experiment: Name of a shipped experiment or path of an experiment's .toml, with the manoeuvre of ``two_wheel``.
-        out: Folder for ``BxB``, ``SxB``, ``SxS`` (as :func:`orchestrator.simulate` leaves them), ``comparison.json``,
+        out: Folder for ``BxB``, ``SxB``, ``SxB+``, ``SxS`` (as :func:`orchestrator.simulate` leaves them), ``comparison.json``,
             ``comparison.md`` and the pictures; ``results/compare_<name>`` by default.
         soil: Name of a soil set or path of its .toml, for all runs.
         overrides: ``{"soil.phi": 0.6}``, for all runs.
@@ -171,14 +178,14 @@ def compare(
     out = Path("results", f"compare_{experiment.stem}") if out is None else Path(out)
     claims = load_claims(CLAIMS)
     outcomes, results, courses = {}, {}, {}
-    for run, tiers in RUNS.items():
+    for run, (tiers, own) in DRIVES.items():
         with watch(run) as display:
             outcome = simulate(
                 experiment,
                 out / run,
                 tiers=tiers,
                 soil=soil,
-                overrides=meant_for(tiers, TIERS, overrides),
+                overrides=meant_for(tiers, TIERS, overrides) | own,
                 stop_time=stop_time,
                 progress=display.progress,
                 status=display.status,
@@ -246,7 +253,7 @@ def _claim_facts(verdict: Verdict) -> dict:
 
 
 def _markdown(name: str, comparison: Comparison) -> str:
-    lines = [f"# {name}: BxB, SxB, SxS", ""]
+    lines = [f"# {name}: {', '.join(comparison.outcomes)}", ""]
     for sheet in comparison.sheets():
         rows = [sheet.columns, ["---"] * len(sheet.columns), *([cell.replace("|", "\\|") for cell in row] for row in sheet.rows)]
         lines += [f"## {sheet.title}", "", *(f"| {' | '.join(row)} |" for row in rows), "", f"{sheet.note}.", ""]

@@ -165,7 +165,8 @@ class Experiment:
         self.tiers = self._tiers(tables)
         #: part -> its model
         self._models = {part: kind() for part, kind in rig.parts.items()}
-        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values()).items()}
+        tables, self._compaction = self._structure(tables)
+        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction).items()}
         models = _models(rig) | self._models
         self._records = _sections(rig, models)
         self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
@@ -233,11 +234,23 @@ class Experiment:
         """Options that set a value of a tier without wheel; the file's own sections may wait for one."""
         idle = {tier.lower(): tier for tier in TIERS if tier.lower() not in self._models}
         on = ", ".join(dict.fromkeys(self.tiers.values()))
-        return [
+        found = []
+        if self._compaction and "bcm" in self._models and not self._models["bcm"].sizes["n_compacted"]:
+            place = self._place("bcm", "compaction")
+            found.append(f"{place}: bcm.compaction has no effect: no wheel on SCM presses the soil that wheels on BCM stand on")
+        return found + [
             f"{option}: it has no effect: no wheel is on {idle[section]}, only on {on}"
             for key, option in self._options.items()
             if (section := key.partition(".")[0]) in idle
         ]
+
+    def _structure(self, tables: Mapping) -> tuple[dict, bool]:
+        """Tables without what decides which models are taken, ``bcm.compaction``, and that."""
+        wanted = (section := tables.get("bcm", {})).get("compaction", False)
+        if not isinstance(wanted, bool):
+            where = self._place("bcm", "compaction")
+            raise ExperimentError(f"{where}: bcm.compaction = {wanted!r}: use true (wheels feel what pressed the soil before) or false")
+        return dict(tables, bcm={key: value for key, value in section.items() if key != "compaction"}), wanted
 
     def _width_outside(self) -> list[str]:
         width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)

@@ -98,6 +98,9 @@ def _result(path: Path) -> Iterator[str | Table]:
     for wheel in json.loads(facts.get("wheels", "[]")):
         place = f"{wheel['instance']}.diagnostics[{wheel['index']}], {wheel.get('mover', 'rover')}.wheel[{wheel['rover_index']}]"
         yield f"wheel {wheel['name']}: {wheel['tier']}, {place}"
+    environment = json.loads(facts.get("environment", "{}"))
+    if environment.get("slope"):
+        yield f"x and y lie in a slope of {environment['slope']:g} rad, which rises towards {environment['uphill']:g} rad from x to y"
     if "versions" in facts:
         yield "written with " + ", ".join(f"{name} {version}" for name, version in json.loads(facts["versions"]).items())
     channels = {str(name): facts for name, *facts in zip(result.channel.values, result.unit.values, result.description.values)}

@@ -81,20 +81,21 @@ def summary(result: xr.Dataset, last: float = 0.5) -> list[dict[str, str | float
     """Means of every wheel over the ``last`` seconds of a run.
 
     Returns:
-        For each wheel ``name``, ``tier``, ``sinkage_m`` below and ``z_m`` of the centre above the undeformed ground, and the contact
-        force ``f_long_N``, ``f_lat_N``, ``f_n_N`` on the wheel in the heading frame.
+        For each wheel ``name``, ``tier``, ``sinkage_m`` below and ``z_m`` of the centre above the undeformed ground, the contact force
+        ``f_long_N``, ``f_lat_N``, ``f_n_N`` on the wheel in the heading frame, ``slip`` and ``slip_angle_rad``, by which it drifts.
     """
     wheels = wheels_of(result)
     time = result.time.values
     rows = slice(int(np.searchsorted(time, time[-1] - last - 1e-9)), None)
-    forces = {"f_long_N": "drawbar_pull", "f_lat_N": "lateral_force", "f_n_N": "normal_load"}
+    means = {"f_long_N": "drawbar_pull", "f_lat_N": "lateral_force", "f_n_N": "normal_load"}
+    means |= {"slip": "slip", "slip_angle_rad": "slip_angle"}
     return [
         {
             "name": wheel.name,
             "tier": wheel.tier,
             "sinkage_m": float(wheel.diagnostic("sinkage")[rows].mean()),
             "z_m": float(wheel.centre("z")[rows].mean()),
-            **{key: float(wheel.diagnostic(name)[rows].mean()) for key, name in forces.items()},
+            **{key: float(wheel.diagnostic(name)[rows].mean()) for key, name in means.items()},
         }
         for wheel in wheels
     ]

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from cdl_fmu.frames import vertical
 from cdl_fmu.slave.model import Instance, ModelError
 
 from .ssp import Connection
 
-_Z, _PITCH = 2, 4  # the coordinates of the rover's state q that gravity moves on level ground
+_Z, _PITCH = 2, 4  # the coordinates of the rover's state q in which it settles; on a slope friction holds the others
 _LOWERING = 2e-4  # [m], [rad]: largest move of one iteration
 _SHARE = 0.7  # of a Newton step: a soil's force is no smooth function of the pose
 _TOLERANCE = 1e-7  # [m/s2], [rad/s2] of acceleration, as a share of gravity; a soil in cells answers in steps of 1e-8 of the force
@@ -47,7 +48,8 @@ def settle(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], 
     """Move ``rover`` until it rests on ``contacts``.
 
     A contact that remembers, such as a soil that was pressed, answers each pose as if it came from the start to that pose at once: so does
-    a run's first step, which then finds the rover at rest.
+    a run's first step, which then finds the rover at rest. On a slope each wheel is held in proportion to its load: a run's first step
+    finds the loads of a rover at rest, and friction comes with the first millimetres downhill.
 
     Args:
         rover: Instance with the interface of :class:`mbs.rover.Rover`, its start pose above the ground.
@@ -85,7 +87,7 @@ def settle(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], 
             z.append(np.array(rover.y["wheel"]["r_0"][:, 2]))
         heights[:, column] = (z[1] - z[0]) / 1e-6
     gravity = max(float(rover.p.gravity), 1e-9)
-    force = np.zeros((n, 3))
+    force, arms = np.zeros((2, n, 3))
     for _ in range(_ITERATIONS):
         acceleration = _accelerations(rover, q, force)[free]
         stiffness = np.zeros(n)
@@ -96,10 +98,12 @@ def settle(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], 
             try:
                 contact.step(0.0, 1.0)  # 1 s: whatever the contact filters has settled
             except ModelError as error:
-                raise ModelError(f"{rover.name} is not borne at rest: {error}; check mass, wheel, soil and gravity") from error
+                raise ModelError(f"{rover.name} is not borne at rest: {error}; check mass, wheel, soil, gravity and slope") from error
             for i, j in enumerate(wheels):
                 force[j] = contact.y["wheel"]["f_0"][i]
                 stiffness[j] = contact.y["contact"]["K"][i, 2]
+                arms[j] = contact.y["contact"]["point_0"][i] - contact.u["wheel"]["r_0"][i]
+        _hold(rover, force, arms)
         acceleration = _accelerations(rover, q, force)[free]
         if np.abs(acceleration).max() <= _TOLERANCE * gravity:
             return {"start.z": float(q[_Z]), "start.pitch": float(q[_PITCH])}
@@ -111,7 +115,21 @@ def settle(rover: Instance, contacts: Mapping[str, tuple[Instance, list[int]]], 
         else:  # not every wheel has met the ground, or its force does not grow with sinkage
             move = 1e-3 * acceleration
         q[free] += np.clip(move, -_LOWERING, _LOWERING)
-    raise ModelError(f"{rover.name} does not come to rest on its contacts: check mass, soil and ground_z, or give rover.start.z")
+    raise ModelError(f"{rover.name} does not come to rest on its contacts: check mass, soil, slope and ground_z, or give rover.start.z")
+
+
+def _hold(rover: Instance, force: np.ndarray, arms: np.ndarray) -> None:
+    """Add to the forces on the wheels what keeps the rover on a slope, at their contacts, which ``arms`` [m] lead to from their centres."""
+    uphill = np.array(vertical(rover.p.slope, rover.p.uphill))
+    held = np.maximum(force[:, 2:], 0.0) * (uphill / uphill[2]) * (1.0, 1.0, 0.0)
+    centres = np.array(rover.y["wheel"]["r_0"])
+    heading = centres[0] - centres[-1]
+    # Drives that stand still pass a wheel's torque on to the body, where a couple of forces on the first wheel and the last does the same.
+    torque = np.cross(arms, held).sum(axis=0)
+    lift = (torque[1] * heading[0] - torque[0] * heading[1]) / (heading[:2] @ heading[:2])
+    force += held
+    force[0, 2] -= lift
+    force[-1, 2] += lift
 
 
 def _accelerations(rover: Instance, q: np.ndarray, force: np.ndarray) -> np.ndarray:

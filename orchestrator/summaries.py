@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,7 @@ def print_sweep(sweep: Sweep) -> None:
 def _print_wheels(wheels: list[Mapping], end: float) -> None:
     numbers = {"sinkage [mm]": ("sinkage_m", 1e3), "z [mm]": ("z_m", 1e3)}
     numbers |= {f"{name} [N]": (f"{name.lower()}_N", 1.0) for name in ("F_long", "F_lat", "F_n")}
+    numbers |= {"slip [%]": ("slip", 100.0), "slip angle [deg]": ("slip_angle_rad", 180.0 / math.pi)}
     rows = table("wheel", "tier", *numbers, right=numbers, caption=f"means over the last {min(0.5, end):g} s; forces in the heading frame")
     for wheel in wheels:
         rows.add_row(wheel["name"], wheel["tier"], *(f"{wheel[key] * factor:z.2f}" for key, factor in numbers.values()))

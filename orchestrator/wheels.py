@@ -49,6 +49,14 @@ def ground_of(system: System) -> float:
     return 0.0
 
 
+def environment_of(system: System) -> dict[str, float]:
+    """``gravity`` [m/s2], and ``slope`` and ``uphill`` [rad] of the ground, as far as the FMUs of a system declare them."""
+    found: dict[str, float] = {}
+    for component in system.components.values():
+        found = _parameters(component, ["gravity", "slope", "uphill"]) | found
+    return found
+
+
 def dimensions_of(system: System) -> dict[str, float]:
     """What pictures draw a rover by, as far as its FMUs declare it: ``r_w, b_w, h_g, mass_height`` [m] and the number ``n_g``."""
     found: dict[str, float] = {}

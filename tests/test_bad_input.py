@@ -159,7 +159,7 @@ def test_a_start_pose_counts_from_the_ground(tmp_path):
 
 def test_a_rover_that_the_soil_does_not_bear(tmp_path):
     said = refusal("two_wheel", tmp_path, overrides={"rover.mass": 1e5})
-    assert re.search(r"rover is not borne at rest: bcm: wheel \d is buried.*; check mass, wheel, soil and gravity", said)
+    assert re.search(r"rover is not borne at rest: bcm: wheel \d is buried.*; check mass, wheel, soil, gravity and slope", said)
 
 
 # -- peers

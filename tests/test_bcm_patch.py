@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from cdl_fmu import BCM, Instance, load_soil
+from cdl_fmu import BCM, Instance, load_soil, unloading
 from cdl_fmu.frames import axis_rotation
+from cdl_fmu.slave.interface import TESTED
 
 SOIL = load_soil("mss_d")
 R, SPACING = 0.125, 0.03
@@ -105,3 +106,75 @@ def test_touchdown_on_a_patch_is_continuous():
     instance = on_patch(lambda x, y: 0.1 * x + 0.05 * y)
     forces = [set_pose(instance, (0, 0, z), np.eye(3), (0.1, 0, 0), (0, 1, 0)).f_0.copy() for z in np.linspace(R + 0.02, R - 0.005, 2000)]
     assert np.abs(np.diff(forces, axis=0)).max() < 0.1
+
+
+# -- compaction
+
+
+def on_pressed_soil(height, sinkage, share=1.0, **parameters) -> Instance:
+    """BCM on a patch of soil with this plastic sinkage [m] of all nodes, which bears a share of what plates measured."""
+    instance = Instance(BCM(1, 1, 1), **(SOIL | parameters))
+    patch, p = instance.u.patch[0], instance.p
+    patch.spacing, patch.origin[:], patch.z[:], patch.sinkage[:] = SPACING, (-6 * SPACING, -4 * SPACING), height, sinkage
+    modulus = SOIL["k_c"] / p.b_w + SOIL["k_phi"]
+    depth = unloading.tested_depth(unloading.unloading_of(p), modulus, p.n, sinkage, TESTED * p.b_w)
+    patch.yield_pressure[:] = share * modulus * depth**p.n
+    instance.initialise()
+    return instance
+
+
+STRAIGHT = np.eye(3), np.array((0.12, 0.0, 0.0)), np.array((0.0, 1.0, 0.0))
+
+
+def test_untouched_soil_with_compaction_is_as_without():
+    plain, pressed = on_patch(lambda x, y: 0.01 + 0 * x * y), on_pressed_soil(0.01, 0.0)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        T, v, w = random_motion(rng)
+        pose = ((0.01, -0.01, 0.01 + R - rng.uniform(0.005, 0.03)), T, v, w)
+        set_pose(plain, *pose), set_pose(pressed, *pose)
+        assert pressed.block[pressed.slices["y"]] == pytest.approx(plain.block[plain.slices["y"]], rel=1e-3, abs=1e-3)
+
+
+def test_a_wheel_on_a_rut_does_not_sink_twice():
+    """On the floor of a rut of 25 mm the soil bears what it bore, and a wheel rests a few mm below the floor in place of 25 mm."""
+    smooth = dict(n_g=0, c_d=0.0)
+    at_first = set_pose(on_patch(lambda x, y: 0 * x * y, **smooth), (0, 0, R - 0.027), *STRAIGHT)
+    plain = set_pose(on_patch(lambda x, y: -0.025 + 0 * x * y, **smooth), (0, 0, R - 0.027), *STRAIGHT)
+    rut = on_pressed_soil(-0.025, 0.025, **smooth)
+    loads = [set_pose(rut, (0, 0, R - depth), *STRAIGHT).f_0[2] for depth in (0.0249, 0.027, 0.030)]
+    assert loads[0] == 0.0 and plain.f_0[2] < 0.05 * at_first.f_0[2]
+    assert 0.3 * at_first.f_0[2] < loads[1] < at_first.f_0[2] < loads[2]
+    # Soil that was pressed to 40 mm is elastic here; k_u is the slope of its pressure.
+    deep = on_pressed_soil(-0.040, 0.040, **smooth)
+    first, second = (set_pose(deep, (0, 0, R - depth), *STRAIGHT).f_0[2] for depth in (0.041, 0.042))
+    assert (second - first) / 1e-3 == pytest.approx(deep.y.contact[0].K[2], rel=0.35)
+
+
+def test_weak_soil_bears_the_share_that_its_yield_pressure_says():
+    loads = [set_pose(on_pressed_soil(0.0, 0.0, share, c_d=0.0), (0, 0, R - 0.027), *STRAIGHT).f_0[2] for share in (1.0, 0.5)]
+    assert loads[1] == pytest.approx(0.5 * loads[0], rel=0.02)
+
+
+def test_a_wheel_drives_into_a_rut_without_a_push():
+    """The plane is that of the level from which sinkage counts: level at the end of a rut, where heights alone fall by its depth."""
+
+    def step_down(instance):
+        patch = instance.u.patch[0]
+        patch.z[7:] = -0.025
+        return set_pose(instance, (0, 0, R - 0.027), *STRAIGHT).f_0[0]
+
+    rut = on_pressed_soil(0.0, 0.0)
+    rut.u.patch[0].sinkage[7:] = 0.025
+    modulus, p = SOIL["k_c"] / rut.p.b_w + SOIL["k_phi"], rut.p
+    rut.u.patch[0].yield_pressure[7:] = modulus * unloading.tested_depth(unloading.unloading_of(p), modulus, p.n, 0.025, 0.0) ** p.n
+    step_down(rut)
+    assert rut.y.contact[0].axes[2] == pytest.approx((0, 0, 1), abs=1e-9)
+    plain = on_patch(lambda x, y: 0 * x * y)
+    assert step_down(plain) > 10.0 and plain.y.contact[0].axes[2, 0] > 0.1
+
+
+def test_without_a_patch_yet_the_ground_is_flat():
+    instance = Instance(BCM(1, 1, 1), **SOIL)
+    instance.initialise()
+    assert set_pose(instance, (0, 0, R - 0.027), *STRAIGHT).f_0[2] > 100.0

@@ -129,7 +129,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path):
     assert (facts["simulated_s"], facts["scheme"], facts["step_s"]) == (0.01, "jacobi", 5e-4)
     assert open_result(facts["result"]).time[-1] == pytest.approx(0.01)
     assert [w["name"] for w in facts["wheels"]] == ["front", "rear"]
-    assert set(facts["wheels"][0]) == {"name", "tier", "sinkage_m", "z_m", "f_long_N", "f_lat_N", "f_n_N"}
+    assert set(facts["wheels"][0]) == {"name", "tier", "sinkage_m", "z_m", "f_long_N", "f_lat_N", "f_n_N", "slip", "slip_angle_rad"}
 
 
 def test_settings_are_toml_values_or_words(tmp_path):

@@ -1,4 +1,4 @@
-"""BxB, SxB and SxS side by side: what is run, what is measured, what is written and printed."""
+"""BxB, SxB, SxB+ and SxS side by side: what is run, what is measured, what is written and printed."""
 
 import json
 import re
@@ -10,13 +10,13 @@ from typer.testing import CliRunner
 
 from fmus import CLAIMS
 from orchestrator import cli, terminal
-from orchestrator.claims import RUNS, load_claims
-from orchestrator.compare import compare
+from orchestrator.claims import load_claims
+from orchestrator.compare import DRIVES, compare
 from orchestrator.results import Channel, ResultError, ResultWriter
 from orchestrator.run import Outcome, RunError
 
 #: Wall times of the loops [s].
-WALL = {"BxB": 2.0, "SxB": 3.0, "SxS": 4.6}
+WALL = {"BxB": 2.0, "SxB": 3.0, "SxB+": 3.2, "SxS": 4.6}
 
 
 def save(drive, path):
@@ -34,7 +34,7 @@ def stage(monkeypatch):
 
     class Stage:
         asked = []
-        drives = {run: {"end": 0.4, "front_sinkage": 0.02} for run in RUNS}
+        drives = {run: {"end": 0.4, "front_sinkage": 0.02} for run in DRIVES}
         status = "complete"
 
     def simulate(source, out, *, tiers, progress, status, **options):
@@ -45,7 +45,7 @@ def stage(monkeypatch):
         return Outcome(out / "result.nc", 17.0, WALL[out.name], stage.status, "ij", 1e-3, warnings)
 
     def write(runs, out):
-        assert list(runs) == list(RUNS) and out.is_dir()
+        assert list(runs) == list(DRIVES) and out.is_dir()
         return [out / "fig_8_12.png"]
 
     stage = Stage()
@@ -61,29 +61,31 @@ def cdl(*arguments):
     return done
 
 
-def test_three_drives_that_differ_in_their_tiers(tmp_path, stage):
+def test_drives_that_differ_in_their_tiers_and_in_what_wheels_feel(tmp_path, stage):
     compare("two_wheel", tmp_path, overrides={"soil.phi": 0.6}, stop_time=9.0)
-    options = {"soil": None, "overrides": {"soil.phi": 0.6}, "stop_time": 9.0}
-    tiers = {"BxB": ("BCM", "BCM"), "SxB": ("SCM", "BCM"), "SxS": ("SCM", "SCM")}
-    assert stage.asked == [("two_wheel", run, tiers[run], options) for run in ("BxB", "SxB", "SxS")]
+    tiers = {"BxB": ("BCM", "BCM"), "SxB": ("SCM", "BCM"), "SxB+": ("SCM", "BCM"), "SxS": ("SCM", "SCM")}
+    own = {"SxB+": {"bcm.compaction": True}}
+    options = {run: {"soil": None, "overrides": {"soil.phi": 0.6} | own.get(run, {}), "stop_time": 9.0} for run in tiers}
+    assert stage.asked == [("two_wheel", run, tiers[run], options[run]) for run in tiers]
 
 
 def test_values_of_a_tier_go_to_the_drives_that_have_it(tmp_path, stage):
     compare("two_wheel", tmp_path, overrides={"scm.cell": 0.02, "bcm.eta": 0.3, "soil.phi": 0.6})
     given = [set(options["overrides"]) for *_, options in stage.asked]
-    assert given == [{"bcm.eta", "soil.phi"}, {"scm.cell", "bcm.eta", "soil.phi"}, {"scm.cell", "soil.phi"}]
+    mixed = {"scm.cell", "bcm.eta", "soil.phi"}
+    assert given == [{"bcm.eta", "soil.phi"}, mixed, mixed | {"bcm.compaction"}, {"scm.cell", "soil.phi"}]
 
 
 def test_facts_are_numbers_by_run_and_signal(tmp_path, stage):
     stage.drives["SxB"] |= {"front_F_x": 3.0, "rear_z": 0.098, "rear_y": lambda x: np.where(x > 0.2, 0.01, 0.0), "front_y": 0.02}
     facts = compare("two_wheel", tmp_path).facts()
     assert json.loads((tmp_path / "comparison.json").read_text()) == json.loads(json.dumps(facts))
-    assert facts["time_factors"] == pytest.approx({"BxB": 1.0, "SxB": 1.5, "SxS": 2.3})
-    assert {run: run_facts["result"] for run, run_facts in facts["runs"].items()} == {run: f"{tmp_path}/{run}/result.nc" for run in RUNS}
+    assert facts["time_factors"] == pytest.approx({"BxB": 1.0, "SxB": 1.5, "SxB+": 1.6, "SxS": 2.3})
+    assert {run: run_facts["result"] for run, run_facts in facts["runs"].items()} == {run: f"{tmp_path}/{run}/result.nc" for run in DRIVES}
     assert set(facts["runs"]["BxB"]) == {"simulated_s", "wall_s", "scheme", "step_s", "result", "wheels"}
     assert [wheel["tier"] for wheel in facts["runs"]["SxB"]["wheels"]] == ["SCM", "BCM"]
     assert facts["span_m"] == pytest.approx([0.0, 0.4])
-    assert set(facts["rms"]) == {"BxB", "SxB"} and not any(facts["rms"]["BxB"].values())
+    assert list(facts["rms"]) == ["BxB", "SxB", "SxB+"] and not any(facts["rms"]["BxB"].values())
     rms = {name: value for name, value in facts["rms"]["SxB"].items() if value}
     half_way = 0.01 * np.sqrt(0.5)
     expected = {"front.F_x": 3.0, "rear.z": 2e-3, "rear.y": half_way, "rear.path": half_way, "front.y": 0.02, "front.path": 0.02}
@@ -117,8 +119,8 @@ def test_tables_for_people(tmp_path, stage):
     stage.drives["SxB"] |= {"rear_z": 0.0985, "rear_F_x": -12.0}
     compare("two_wheel", tmp_path)
     text = (tmp_path / "comparison.md").read_text()
-    assert "| rear.z | 0 mm | 1.5 mm |" in text and "| rear.F_x | 0 N | 12 N |" in text
-    assert "| SxB | 3 s | 1.50 | 1.5 |" in text and "for 17 simulated s each" in text
+    assert "| rear.z | 0 mm | 1.5 mm | 0 mm |" in text and "| rear.F_x | 0 N | 12 N | 0 N |" in text
+    assert "| SxB | 3 s | 1.50 | 1.5 |" in text and "| SxB+ | 3.2 s | 1.60 |  |" in text and "for 17 simulated s each" in text
     assert re.search(r"## Statements of section 8.5: \d+ of 20 that must hold do, and \d+ of 50 others", text)
     assert re.search(r"\| must \| BxB < SxB \| 1 \| 1.5 \| -0.5 \| 0.05 \| yes \|", text)
     assert re.search(r"After 1.6 m the forces are stationary .* \| must \|  \|  \|  \|  \|  \| not reached \|", text)
@@ -126,9 +128,9 @@ def test_tables_for_people(tmp_path, stage):
 
 
 def test_a_drive_that_never_moves_reaches_nothing(tmp_path, stage):
-    stage.drives = {run: {"x": [0.0]} for run in RUNS}
+    stage.drives = {run: {"x": [0.0]} for run in DRIVES}
     comparison = compare("two_wheel", tmp_path)
-    assert comparison.span is None and comparison.rms == {"BxB": {}, "SxB": {}}
+    assert comparison.span is None and comparison.rms == {"BxB": {}, "SxB": {}, "SxB+": {}}
     assert {verdict.claim.id for verdict in comparison.verdicts if verdict.holds is not None} == {"time_order", "time_SxS", "time_SxB"}
     assert "over nothing: the rear wheel did not move" in (tmp_path / "comparison.md").read_text()
 
@@ -161,12 +163,12 @@ def test_json_is_one_object_and_failing_claims_are_no_failure(tmp_path, stage):
     assert done.exit_code == 0 and done.stderr == "warning: SxB: it is late\n"
     assert {"runs", "time_factors", "rms", "claims"} <= set(facts)
     assert False in [claim["holds"] for claim in facts["claims"]]
-    assert stage.asked[2][3] == {"soil": None, "overrides": {"soil.phi": 0.6}, "stop_time": 3.0}
+    assert stage.asked[3][3] == {"soil": None, "overrides": {"soil.phi": 0.6}, "stop_time": 3.0}
 
 
 def test_tables_and_progress_of_each_run(tmp_path, stage):
     done = cdl("compare", "two_wheel", "--out", tmp_path)
-    assert [line for line in done.stderr.splitlines() if "loading" in line] == [f"{run}: loading models" for run in RUNS]
+    assert [line for line in done.stderr.splitlines() if "loading" in line] == [f"{run}: loading models" for run in DRIVES]
     assert re.search(r"SxS +4.6 s +2.30 +2.3", done.stdout)
     assert re.search(r"BxB is fastest and SxS slowest. +must +BxB < SxB +1 +1.5 +-0.5 +0.05 +yes", done.stdout)
     assert done.stdout.splitlines()[-3:] == [str(tmp_path / name) for name in ("comparison.json", "comparison.md", "fig_8_12.png")]

@@ -6,7 +6,7 @@ from systems import run_two_wheel
 
 import orchestrator
 from orchestrator.assemble import assemble
-from orchestrator.experiment import load_experiment
+from orchestrator.experiment import ExperimentError, load_experiment
 from orchestrator.report import wheels_of
 from orchestrator.results import open_result
 
@@ -61,6 +61,21 @@ def rms(difference):
 def test_wheels_of_other_tiers_stand_on_patches_of_the_soil(tiers, models):
     parts = load_experiment("two_wheel", tiers=tiers).instances()
     assert {name: part.model.identifier for name, part in parts.items() if name not in ("rover", "driver")} == models
+
+
+def test_patches_carry_what_pressed_the_soil_where_that_is_wanted():
+    experiment = load_experiment("two_wheel", tiers=("SCM", "BCM"), overrides={"bcm.compaction": True})
+    models = {name: part.model.identifier for name, part in experiment.instances().items()}
+    assert (models["scm"], models["bcm"], experiment.warnings) == ("cdl_scm_w1p1c1", "cdl_bcm_w1p1c1", [])
+    ends = {
+        f"{c.source_component}.{c.source_variable}": f"{c.target_component}.{c.target_variable}" for c in assemble(experiment).connections
+    }
+    assert ends["scm.patch[1].yield_pressure[13,9]"] == "bcm.patch[1].yield_pressure[13,9]" and "scm.patch[1].sinkage[1,1]" in ends
+    idle = load_experiment("two_wheel", tiers=("BCM", "BCM"), overrides={"bcm.compaction": True})
+    text = "--set bcm.compaction: bcm.compaction has no effect: no wheel on SCM presses the soil that wheels on BCM stand on"
+    assert idle.warnings == [text]
+    with pytest.raises(ExperimentError, match=r"--set bcm.compaction: bcm.compaction = 2: use true \(.*\) or false"):
+        load_experiment("two_wheel", overrides={"bcm.compaction": 2})
 
 
 def test_the_patch_of_a_wheel_is_connected_to_that_wheel():

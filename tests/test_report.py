@@ -9,7 +9,7 @@ from matplotlib.image import imread
 from orchestrator.report import figure_8_12, plot, summary, wheels_of
 from orchestrator.results import Channel, ResultError, ResultWriter, open_result
 
-UNITS = {"sinkage": "m", "drawbar_pull": "N", "lateral_force": "N", "normal_load": "N"}
+UNITS = {"sinkage": "m", "drawbar_pull": "N", "lateral_force": "N", "normal_load": "N", "slip": "1", "slip_angle": "rad"}
 
 
 def drive(path, names=("front", "rear"), stop=2.0, pull=20.0, ground_z=0.05):
@@ -19,7 +19,7 @@ def drive(path, names=("front", "rear"), stop=2.0, pull=20.0, ground_z=0.05):
     for i, (name, sign) in enumerate(zip(names, (1.0, -1.0)), 1):
         start = np.where(t < 0.05, 500.0, 0.0)
         values = {"sinkage": 0.02 * i + 0 * t, "drawbar_pull": start + sign * pull * t, "lateral_force": sign * 5 + 0 * t}
-        for field, value in (values | {"normal_load": 80 + 0 * t}).items():
+        for field, value in (values | {"normal_load": 80 + 0 * t, "slip": 0.1 * t, "slip_angle": -0.02 * i + 0 * t}).items():
             channels.append(Channel(f"bcm.diagnostics[{i}].{field}", UNITS[field], field))
             columns.append(value)
         for k, value in enumerate((t + 0.6 * (name == "front"), 0.1 * t, ground_z + 0.1 + 0 * t), 1):
@@ -54,6 +54,7 @@ def test_summary_is_the_mean_over_the_last_half_second(result):
     assert front["f_long_N"] == pytest.approx(20 * 1.75)
     assert rear["f_long_N"] == pytest.approx(-20 * 1.75)
     assert (rear["f_lat_N"], rear["f_n_N"]) == (-5.0, 80.0)
+    assert (rear["slip"], rear["slip_angle_rad"]) == pytest.approx((0.175, -0.04))
 
 
 def test_summary_of_a_short_run_is_the_mean_of_all_of_it(tmp_path):

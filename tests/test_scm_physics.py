@@ -8,6 +8,7 @@ from bodies import Bodies, plate
 from soil import ALONG_X, BARE, LOAD, STILL, B, Carriage, R, on_soil, scm, towards
 
 from cdl_fmu import load_soil
+from cdl_fmu.terramechanics import flow_value
 from orchestrator.validate import repetitive
 
 SOIL = load_soil("mss_d")
@@ -290,3 +291,15 @@ def test_reece_and_bekker_agree_where_their_constants_do():
     gamma_b = 1896.0 * 9.81 * B
     reece = pressed(**(FRICTIONLESS | dict(rho=1896.0, pressure_model="reece", k_phi_1=K_EQ * B**N / gamma_b))).reading()[2]
     assert reece == pytest.approx(bekker, rel=1e-6)
+
+
+def test_the_rims_pressure_surcharges_grouser_faces():
+    """By at most kappa_q N_phi sigma on each face below the soil, sigma the load over the plan of half the contact at least."""
+    thrust = {}
+    for kappa_q in (0.0, 0.1):
+        carriage = on_soil(h_g=0.005, kappa_q=kappa_q, erosion_sweeps=0)
+        readings = carriage.move(0.5, forward=0.06, rate=1.0)[-100:]
+        thrust[kappa_q] = readings[:, 0].mean()
+    sigma = LOAD / (B * math.sqrt(2 * R * 0.02 - 0.02**2))
+    most = 0.1 * flow_value(load_soil("mss_d")["phi"]) * sigma * 2 * 0.005 * B
+    assert 0.1 * most < thrust[0.1] - thrust[0.0] < most

@@ -7,8 +7,12 @@ import pytest
 from soil import (
     ALONG_X,
     ALONG_Y,
+    BARE,
     LOAD,
+    STILL,
+    B,
     Carriage,
+    R,
     excess,
     fields,
     heap,
@@ -21,11 +25,13 @@ from soil import (
     wait_for_rest,
 )
 
-from cdl_fmu.scm import SCM
-from cdl_fmu.scm.step import step
+from cdl_fmu import SCM, Instance, load_soil
+from cdl_fmu.scm.step import step_kernels
+from cdl_fmu.scm.stress import pressure_modulus
 from cdl_fmu.scm.tiles import FILL, SINKAGE, SLIDING, TILE, TILE_I, TILE_J
+from cdl_fmu.slave.interface import TESTED
 from cdl_fmu.slave.kernel import MOST_THREADS
-from cdl_fmu.slave.model import Instance
+from cdl_fmu.unloading import unloading_of
 
 MIRRORED = np.array([1, -1, 1, -1, 1, -1, 1])
 
@@ -302,4 +308,33 @@ def test_no_bit_depends_on_the_number_of_threads():
 def test_a_step_is_compiled_once_for_all_sizes():
     for sizes in (1,), (3,), (1, 2), (2, 1):
         Instance(SCM(*sizes)).initialise()
-    assert len(step.signatures) == 1
+    assert len(step_kernels(False)[0].signatures) == 1
+
+
+def test_a_patch_says_what_pressed_the_soil_and_what_it_bears_again():
+    instance = Instance(SCM(1, 1, 0, 1), "scm", **load_soil("mss_d"), **BARE | STILL | dict(k_0=0))
+    instance.initialise()
+    instance.u.trailing[0].r_0[:] = 0.0, 0.0, R
+    Carriage(instance).move(0.5, up=-0.04)
+    patch, n, law = instance.y.patch[0], instance.p.n, unloading_of(instance.p)
+    modulus = pressure_modulus(instance.p, B)
+    # Nine cells of 10 mm around the wheel's lowest point, which is 20 mm deep.
+    depth = np.mean(0.02 - (R - np.sqrt(R**2 - np.array([-0.01, 0.0, 0.01]) ** 2)))
+    assert patch.sinkage[6, 4] == pytest.approx(depth * law.rest, rel=0.02)
+    assert patch.yield_pressure[6, 4] == pytest.approx(modulus * (TESTED * B) ** n)
+    assert patch.sinkage[0, 0] == 0.0 and patch.yield_pressure[0, 0] == pytest.approx(modulus * (TESTED * B) ** n)
+    assert patch.z[6, 4] == pytest.approx(-patch.sinkage[6, 4], abs=1e-9)
+
+
+def test_a_loose_mound_yields_at_less():
+    parameters = load_soil("cmu_sand") | dict(b_w=0.05, r_w=0.058, n_g=0, cell=0.01, erosion_sweeps=0)
+    instance = Instance(SCM(1, 1, 0, 1), "scm", **parameters)
+    instance.initialise()
+    instance.u.trailing[0].r_0[:] = 0.0, 0.0, 0.1
+    wheel = Carriage(instance, depth=0.045)
+    wheel.move(1e-3)
+    untouched = instance.y.patch[0].yield_pressure[6, 4]
+    fields(instance, FILL)[:] = 0.015
+    wheel.move(1e-3)
+    assert instance.y.patch[0].z[6, 4] == pytest.approx(0.015)
+    assert instance.y.patch[0].yield_pressure[6, 4] < 0.95 * untouched

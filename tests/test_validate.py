@@ -4,6 +4,7 @@ import json
 import math
 import re
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from test_cli import cdl
@@ -22,6 +23,7 @@ from orchestrator.validate import (
     scm,
     sensitivities,
     single_wheel,
+    slopes,
 )
 from orchestrator.validate.report import Report
 from orchestrator.validate.rows import COLUMNS, Findings, Row, Table, absolute, limited, relative, rms
@@ -234,6 +236,31 @@ def test_repetitive_loading_is_judged_by_branch():
         f" {branch}, k_0 = 2e7 Pa/m" for branch in ("loading", "unloading", "reloading", "further loading")
     ]
     assert len(rows) == 3 * 5 and all(row.passed for row in rows if row.against != "Wong: p_u - k_u (z_u - z)")
+
+
+def test_slopes_are_judged_by_equilibrium_and_by_the_wheel_on_level_ground(monkeypatch):
+    def findings(more=0.0, slip=0.0):
+        def drive(tier, degrees, uphill=0.0):
+            angle = math.radians(degrees)
+            along = math.sin(angle) * (math.cos(uphill) + more) * slopes._WEIGHT
+            both, aside = (math.tan(angle) * math.cos(uphill) + slip,) * 2, -0.1 * math.sin(uphill)
+            load = math.cos(angle) * slopes._WEIGHT
+            side = math.sin(angle) * math.sin(uphill) * slopes._WEIGHT
+            return slopes.Drive(along, side, load, both[0] - slip, both, (aside, aside), np.zeros((3, 2)), aside)
+
+        monkeypatch.setattr(slopes, "drive", drive)
+        monkeypatch.setattr(slopes, "_HEAPS", {True: ()})
+        return slopes.check(MadeUp(lambda point: {"drawbar_pull_N": point["slip"] * point["load_N"]}, quick=True))
+
+    found = findings()
+    assert found.rows and not misses(found) and found.figure is not None
+    (table,) = found.tables
+    assert table.rows[-1][:3] == ["SCM", "across", 10.0] and table.rows[-1][-1] == pytest.approx(math.degrees(-0.1), abs=1e-3)
+    assert misses(findings(more=0.1))[:2] == [("BCM", f"drawbar pull, both wheels, 10 deg {course}") for course in ("up", "down")]
+    worse = [quantity for _, quantity in misses(findings(slip=0.03))]
+    assert worse == [
+        what for _ in "BS" for what in ("drawbar pull / load of the front wheel, 10 deg up", "slip, mean of the wheels, 10 deg up")
+    ]
 
 
 def test_bcms_closed_forms_hold_in_process():

@@ -12,12 +12,14 @@ and a wheel beside the middle of a rut is pushed back.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ..contact import SLIP_FLOOR
 from ..slave.kernel import kernel
 from ..strength import escape, left_by_push, log_of_friction, softened, strength_of, yield_pressure
+from ..terrain.patch import pressed_before
 from ..terramechanics import (
     bekker,
     exit_share,
@@ -26,8 +28,23 @@ from ..terramechanics import (
     mapped_shear_velocity,
     mohr_coulomb,
     rankine_wall,
+    unit_weight,
     wong_reece_mirror,
 )
+from ..unloading import Unloading, pressure, tested_depth, unloading_stiffness
+
+
+class Soil(NamedTuple):
+    """The soil below a wheel."""
+
+    modulus: float  # k of Bekker's law [N/m^(n+2)]
+    n: float  # its exponent
+    unloading: Unloading
+    tested: float  # least depth that the yield pressure of a patch is of [m]
+    r: float  # radius [m]
+    x_0: tuple  # world x [m] of the wheel's centre, and of its axes x, a and r
+    y_0: tuple  # the same of y
+
 
 #: Gauss-Legendre over theta and across the width: 1e-6 of the load with smooth shear, 1e-5 where the rim's slip changes its sign.
 _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(10))
@@ -40,6 +57,34 @@ _ONE_STRIP = 1e-9
 _DEEPEST = -0.98
 #: Least mapped V_j [m/s]: keeps the friction of a wheel at rest finite.
 _LEAST_V_J = 1e-3
+
+
+@kernel
+def pressure_at(soil, patch, z, sin, cos, xi):
+    """Pressure [Pa] and its slope [Pa/m] that the soil bears at a depth z [m] below its level, 0 above it, and its pressure if it yields.
+
+    Args:
+        patch: What pressed the soil before, None where nothing did: then it bears Bekker's pressure.
+        sin, cos, xi: Where on the rim: of the angle from nadir, and place along the axle [m].
+    """
+    if z <= 0.0:
+        return 0.0, 0.0, 0.0
+    sigma = bekker(soil.modulus, z, soil.n)
+    if patch is None:
+        return sigma, soil.n * sigma / z, sigma
+    x, y, r = soil.x_0, soil.y_0, soil.r
+    forward, down = r * sin, -r * cos
+    inside, floor, yields = pressed_before(
+        patch, x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3]
+    )
+    if not inside:
+        return sigma, soil.n * sigma / z, sigma
+    tested = tested_depth(soil.unloading, soil.modulus, soil.n, floor, soil.tested)
+    plastic = sigma * min(yields / bekker(soil.modulus, tested, soil.n), 1.0)
+    if z <= floor:
+        return 0.0, 0.0, 0.0
+    sigma, rise = pressure(unloading_stiffness(soil.unloading, z, sigma, floor), soil.n, z - floor, z, plastic)
+    return sigma, rise, plastic
 
 
 @kernel
@@ -75,11 +120,11 @@ def shear_radius(p, N_phi):
 
 
 @kernel
-def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip):
+def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip):
     """Normal and shear stress on the rim, integrated over theta and, with camber or yaw, across the width.
 
     Args:
-        k_eq: Bekker's modulus for the wheel's width [N/m^(n+2)].
+        soil, patch: The soil below the wheel, and what pressed it before, see ``pressure_at``.
         r_s: Radius on which the soil shears [m], see shear_radius.
         v_x, v_a, v_r, w_x, w_a, w_r: Velocity [m/s] and angular velocity [rad/s] of the wheel in its axes.
         travel: Signed speed that shapes the contact [m/s].
@@ -105,7 +150,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
         left = min(left, (p.r_w * cos_g - d) / sin_g)
     elif sin_g < 0.0:
         right = max(right, (p.r_w * cos_g - d) / sin_g)
-    one_strip = abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
+    one_strip = patch is None and abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
     for j in range(1 if one_strip else len(_STRIPS)):
         xi = 0.5 * (left + right) + (0.0 if one_strip else 0.5 * (left - right) * _STRIPS[j])
         width = (left - right) * (1.0 if one_strip else 0.5 * _STRIP_WEIGHTS[j])
@@ -154,11 +199,15 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                 v_t = (v_x - w_r * xi) * cos_v + (v_r + w_x * xi) * sin_v - w_a * r_s
                 v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
                 phi_m = janosi_velocity(math.sqrt(v_t * v_t + v_l * v_l), V_j)
-                static = bekker(k_eq, z, p.n)
-                if weak:
+                static, rise, dense = pressure_at(soil, patch, z, sin, cos, xi)
+                if static <= 0.0 < z:
+                    continue  # clear of a floor that was pressed before
+                if weak and z > 0.0:
                     # Sinking is no slip: soil would lose strength the faster a wheel sinks, which then sinks the faster.
                     rolling = (v_x - w_r * xi) * cos_v - w_a * r_s
-                    static = _weakened(p, s, tan_phi, static, z, theta, lead, forward, shaped, v_x, rolling, v_l, V_j)
+                    yields = _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, rolling, v_l, V_j)
+                    if yields < static:
+                        static, rise = yields, p.n * yields / z
                 sigma = static * damping
                 tau_max = mohr_coulomb(cohesion, sigma, tan_phi)
                 g = tau_max * phi_m
@@ -182,7 +231,7 @@ def rim(p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, tr
                 if damping > 0.0:
                     d_z += p.c_d * static * share * dA
                     if z > 0.0:
-                        k_z += p.n * sigma / z * deepening * share * dA
+                        k_z += rise * damping * deepening * share * dA
                 k_z += (p_r * cos_g + (p_side + tau_l) * sin_g) * growth
     return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength
 
@@ -196,8 +245,6 @@ def _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, v_t, v
         dense, z: Pressure [Pa] at the depth z [m].
         v_t, v_l: Velocity of slip along the rim and the axle [m/s]; V_j: what mobilises 63 % of the strength [m/s].
     """
-    if z <= 0.0:
-        return dense
     speed = math.sqrt(v_t * v_t + v_l * v_l)
     phi_m, per_travel = janosi_velocity(speed, V_j), shaped / max(abs(v_x), SLIP_FLOOR)
     path = speed * p.r_w * abs(math.sin(lead) - math.sin(theta)) * per_travel
@@ -211,7 +258,7 @@ def _weakened(p, s, tan_phi, dense, z, theta, lead, forward, shaped, v_x, v_t, v
 
 
 @kernel
-def grousers(p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left):
+def grousers(p, soil, patch, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left):
     """Passive earth force on the grousers' faces, bearing and shear on their tips, all at the middle of the width.
 
     Args:
@@ -230,14 +277,14 @@ def grousers(p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, 
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
     drop_front = p.r_w * cos_g * (math.cos(theta_front) - math.cos(theta_1))
     drop_rear = p.r_w * cos_g * (math.cos(theta_rear) - math.cos(theta_1))
-    gamma_s = p.rho * p.gravity
+    gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     damping = max(0.0, 1.0 - p.c_d * (v_a * sin_g + v_r * cos_g))
     reach = math.acos(max(-1.0, min(1.0, d / (r_tip * cos_g))))
     first = math.ceil((-reach - angle) / pitch)
     last = math.floor((reach - angle) / pitch)
     capacity = 0.0
     for i in range(first, last + 1):
-        capacity += abs(_face(p, angle + i * pitch, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear))
+        capacity += abs(_face(p, angle + i * pitch, d, cos_g, soil, patch, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear))
     cap = 1.0 if capacity <= thrust_left else thrust_left / capacity
     for i in range(first, last + 1):
         theta = angle + i * pitch
@@ -247,7 +294,7 @@ def grousers(p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, 
         if r_s < r_tip:  # else the soil between the grousers turns with them
             r_face = p.r_w + 0.5 * p.h_g
             v_face = v_t - w_a * r_face
-            passive = cap * _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear)
+            passive = cap * _face(p, theta, d, cos_g, soil, patch, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear)
             g = passive * janosi_velocity(abs(v_face), V_j)
             f = -g * v_face
             fx += f * cos
@@ -256,7 +303,7 @@ def grousers(p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, 
             d_x += g * cos * cos
             d_z += g * sin * sin
         z = r_tip * cos * cos_g - d - _drop(theta, theta_front, theta_rear, drop_front, drop_rear)
-        static = bekker(k_eq, z, p.n)
+        static, rise, _ = pressure_at(soil, patch, z, sin, cos, 0.0)
         if static <= 0.0:
             continue
         area = p.b_w * p.t_g
@@ -279,7 +326,7 @@ def grousers(p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, 
         if damping > 0.0:
             share = area * (cos / cos_g - tan_phi * phi_m * (v_tip * sin * cos_g + v_l * sin_g))
             d_z += p.c_d * static * share
-            k_z += p.n * sigma / z * share
+            k_z += rise * damping * share
     return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z
 
 
@@ -291,7 +338,7 @@ def _drop(theta, theta_front, theta_rear, drop_front, drop_rear):
 
 
 @kernel
-def _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear):
+def _face(p, theta, d, cos_g, soil, patch, gamma_s, N_phi, theta_front, theta_rear, drop_front, drop_rear):
     """Passive earth force [N] on the wetted part of a grouser's face."""
     slant = math.cos(theta) * cos_g
     surface = d + _drop(theta, theta_front, theta_rear, drop_front, drop_rear)
@@ -299,13 +346,15 @@ def _face(p, theta, d, cos_g, k_eq, gamma_s, N_phi, theta_front, theta_rear, dro
     bottom = top + p.h_g * slant
     if bottom <= 0.0 or slant <= 0.0:
         return 0.0
-    q = p.kappa_q * bekker(k_eq, top, p.n)  # surcharge: the share kappa_q of the rim's pressure
+    q = (
+        p.kappa_q * pressure_at(soil, patch, top, math.sin(theta), math.cos(theta), 0.0)[0]
+    )  # surcharge: the share kappa_q of the rim's pressure
     top = max(top, 0.0)
     return p.b_w / slant * rankine_wall(gamma_s, bottom - top, top, q, p.c, N_phi)
 
 
 @kernel
-def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
+def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel):
     """Passive earth force on the side faces, wherever they move against the soil.
 
     Returns:
@@ -317,8 +366,11 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
         return fa, mx, mr, d_y
     theta_front = exit_share(p.eta, -travel, p.V_theta) * theta_1
     theta_rear = exit_share(p.eta, travel, p.V_theta) * theta_1
-    gamma_s = p.rho * p.gravity
+    gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     half = 0.5 * (theta_front + theta_rear)
+    length, depth = p.r_w * math.sin(theta_1), p.r_w * (1.0 - math.cos(theta_1))
+    s = strength_of(p, p.strength == 2.0, p.phi, p.b_w, length, depth, v_x)
+    lead = theta_front if travel >= 0.0 else -theta_rear
     for k in range(_N):
         theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
         sin, cos = math.sin(theta), math.cos(theta)
@@ -327,9 +379,13 @@ def sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel):
         height = p.r_w * cos - (d + xi * sin_g) / cos_g
         if height <= 0.0:
             continue
-        q = p.kappa_q * bekker(k_eq, height, p.n)
-        V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
-        g = rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
+        q = p.kappa_q * pressure_at(soil, patch, height, sin, cos, xi)[0]
+        V_j = p.V_j
+        if p.V_j_mode == 2.0:
+            # Soil beside the wheel is passed at the speed of travel, however fast the rim spins.
+            passed = p.r_w * abs(math.sin(lead) - sin)
+            V_j = max(s.wall_modulus * abs(v_x) / max(passed, 1e-6), _LEAST_V_J)
+        g = s.wall * rankine_wall(gamma_s, height, 0.0, q, p.c, N_phi) * janosi_velocity(abs(v_l), V_j) * p.r_w * cos * half * _WEIGHTS[k]
         f = -g * v_l
         fa += f
         mx += (p.r_w * cos - height / 3.0) * f  # a pressure that grows with depth acts at a third of the height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 from ..contact import (
     LEAST_CAMBER_COSINE,
@@ -18,7 +19,7 @@ from ..contact import (
     show,
 )
 from ..frames import cross, dot
-from ..slave.interface import ENVIRONMENT, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
+from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel
 from ..slave.records import Array, Choice, Real, Record
@@ -27,6 +28,7 @@ from ..strength import STRENGTH
 from ..terrain.patch import surface
 from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
+from ..unloading import UNLOADING, unloading_of
 from ..wheel import WHEEL, check_wheel
 from . import loads
 
@@ -54,6 +56,7 @@ class BCM(KernelModel):
         n_wheels: Number of wheels.
         n_patches: 0 for flat ground at ``ground_z``, or n_wheels: patch i is the ground of wheel i, and its contact plane is fitted
             in it as in Fig. 8.4.
+        n_compacted: 0, or n_patches: the patches say what pressed the soil before, and the wheels feel it.
     """
 
     parameters = (
@@ -61,6 +64,7 @@ class BCM(KernelModel):
         | SOIL
         | WHEEL
         | STRENGTH
+        | UNLOADING
         | Record(
             ground_z=Real(0.0, "m", "Height of the undeformed ground; sinkage counts from it, on a patch too", min=-1e6, max=1e6),
             eta=Real(0.5, "1", "Least ratio of exit to entry angle, reached when driving", min=0.0, max=1.0),
@@ -87,19 +91,22 @@ class BCM(KernelModel):
         ),
     }
 
-    def __init__(self, n_wheels: int = 1, n_patches: int = 0):
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_compacted: int = 0):
         if n_patches not in (0, n_wheels):
             raise ValueError(f"n_patches = {n_patches}: choose 0 (flat ground) or {n_wheels} (a patch for each wheel)")
-        super().__init__(n_wheels=n_wheels, n_patches=n_patches)
-        self.identifier = f"cdl_bcm_w{n_wheels}" + (f"p{n_patches}" if n_patches else "")
-        self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | patch_in(n_patches)
+        if n_compacted not in (0, n_patches):
+            raise ValueError(f"n_compacted = {n_compacted}: choose 0 (patches of heights) or {n_patches} (patches with compaction)")
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_compacted=n_compacted)
+        sizes = {"p": n_patches, "c": n_compacted}
+        self.identifier = f"cdl_bcm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
+        self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | patch_in(n_patches, n_compacted > 0)
         self.state = Record(
             wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))),
             plane=Array(n_patches, _PLANE),
         )
         self.outputs = wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels)
         self.initialise_kernel = _initialise_patches if n_patches else _initialise
-        self.step_kernel = _step_patches if n_patches else _step
+        self.step_kernel = step_on_patches(n_compacted > 0) if n_patches else _step
 
     def check(self, p) -> None:
         check_bearing(p)
@@ -132,44 +139,59 @@ def _step(t, h, p, u, x, y):
     for i in range(len(u.wheel)):
         wheel = u.wheel[i]
         if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
-            _contact(p, wheel, 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z, y.wheel[i], y.contact[i], y.diagnostics[i])
+            _contact(p, wheel, None, 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z, y.wheel[i], y.contact[i], y.diagnostics[i])
         elif x.wheel[i].silent > 0.0:
             status = NO_DATA + STATUS_SPAN * i
     return status
 
 
-@kernel
-def _step_patches(t, h, p, u, x, y):
-    for i in range(len(u.wheel)):
-        wheel, z = u.wheel[i], p.ground_z
-        if wheel.active > 0.0 and u.patch[i].spacing > 0.0 and has_pose(wheel):
-            inside, z, _, _ = surface(u.patch[i], wheel.r_0[0], wheel.r_0[1])
-            if not inside:
-                return _OUTSIDE + STATUS_SPAN * i
-        refused = refusal(p, wheel, x.wheel[i].silent, z)
-        if refused:
-            return refused + STATUS_SPAN * i
-    status = 0
-    for i in range(len(u.wheel)):
-        wheel = u.wheel[i]
-        if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
-            n_x, n_y, n_z, d = 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z
-            if u.patch[i].spacing > 0.0:
-                n_x, n_y, n_z, d = _follow_plane(p, wheel, u.patch[i], h, x.plane[i])
-            _contact(p, wheel, n_x, n_y, n_z, d, y.wheel[i], y.contact[i], y.diagnostics[i])
+@cache
+def step_on_patches(compaction: bool):
+    """The step of a model on patches, with compaction in them or without."""
+
+    @kernel
+    def bear(p, wheel, patch, h, plane, wrench, contact, shown):
+        n_x, n_y, n_z, d = 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z
+        if compaction:
+            if patch.spacing > 0.0:
+                n_x, n_y, n_z, d = _follow_plane(p, wheel, patch, patch.sinkage, h, plane)
+            _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown)
         else:
-            x.plane[i].known = 0.0
-            if x.wheel[i].silent > 0.0:
-                status = NO_DATA + STATUS_SPAN * i
-    return status
+            if patch.spacing > 0.0:
+                n_x, n_y, n_z, d = _follow_plane(p, wheel, patch, None, h, plane)
+            _contact(p, wheel, None, n_x, n_y, n_z, d, wrench, contact, shown)
+
+    @kernel
+    def step(t, h, p, u, x, y):
+        for i in range(len(u.wheel)):
+            wheel, z = u.wheel[i], p.ground_z
+            if wheel.active > 0.0 and u.patch[i].spacing > 0.0 and has_pose(wheel):
+                inside, z, _, _ = surface(u.patch[i], wheel.r_0[0], wheel.r_0[1])
+                if not inside:
+                    return _OUTSIDE + STATUS_SPAN * i
+            refused = refusal(p, wheel, x.wheel[i].silent, z)
+            if refused:
+                return refused + STATUS_SPAN * i
+        status = 0
+        for i in range(len(u.wheel)):
+            wheel = u.wheel[i]
+            if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
+                bear(p, wheel, u.patch[i], h, x.plane[i], y.wheel[i], y.contact[i], y.diagnostics[i])
+            else:
+                x.plane[i].known = 0.0
+                if x.wheel[i].silent > 0.0:
+                    status = NO_DATA + STATUS_SPAN * i
+        return status
+
+    return step
 
 
 @kernel
-def _follow_plane(p, wheel, patch, h, plane):
+def _follow_plane(p, wheel, patch, sinkage, h, plane):
     """Fit the contact plane and low-pass it over h [s]; returns its normal and the height of the wheel's centre above it [m]."""
     r = wheel.r_0
     radius = p.r_w + (p.h_g if p.n_g > 0.0 else 0.0)
-    found, n_x, n_y, n_z, m_x, m_y, m_z = contact_plane(patch, wheel, radius, p.b_w)
+    found, n_x, n_y, n_z, m_x, m_y, m_z = contact_plane(patch, wheel, radius, p.b_w, sinkage)
     if not found:
         plane.known = 0.0
         return 0.0, 0.0, 1.0, 2.0 * radius + p.b_w  # in the air
@@ -187,8 +209,12 @@ def _follow_plane(p, wheel, patch, h, plane):
 
 
 @kernel
-def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
-    """Wrench, Jacobian and diagnostics of a wheel whose centre is d [m] above a plane with the normal n."""
+def _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown):
+    """Wrench, Jacobian and diagnostics of a wheel whose centre is d [m] above a plane with the normal n.
+
+    Args:
+        patch: What pressed the soil before, None where nothing did.
+    """
     T = wheel.T
     a_x, a_y, a_z = T[1, 0], T[1, 1], T[1, 2]
     sin_g = dot(a_x, a_y, a_z, n_x, n_y, n_z)
@@ -206,24 +232,26 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     travel = travel_speed(v_x, p.r_w * w_a)
     slip = slip_ratio(v_x, p.r_w * w_a, SLIP_FLOOR)
 
-    k_eq = bekker_modulus(p.k_c, p.k_phi, p.b_w)
+    r = wheel.r_0
+    x_0, y_0 = (r[0], x_x, a_x, r_x), (r[1], x_y, a_y, r_y)
+    soil = loads.Soil(bekker_modulus(p.k_c, p.k_phi, p.b_w), p.n, unloading_of(p), TESTED * p.b_w, p.r_w, x_0, y_0)
     tan_phi = math.tan(p.phi)
     N_phi = flow_value(p.phi)
     toothed = p.n_g > 0.0 and p.h_g > 0.0
     r_tip = p.r_w + p.h_g if toothed else p.r_w
     r_s = loads.shear_radius(p, N_phi)
     fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength = loads.rim(
-        p, k_eq, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip
+        p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip
     )
     if toothed:
         angle = math.atan2(-dot(T[2, 0], T[2, 1], T[2, 2], x_x, x_y, x_z), dot(T[2, 0], T[2, 1], T[2, 2], r_x, r_y, r_z))
         thrust_left = max(0.0, strength * r_tip / p.r_w - abs(thrust))
         gx, ga, gr, nx, na, nr, kz, ex, ey, ez = loads.grousers(
-            p, k_eq, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left
+            p, soil, patch, tan_phi, N_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, angle, thrust_left
         )
         fx, fa, fr, mx, ma, mr = fx + gx, fa + ga, fr + gr, mx + nx, ma + na, mr + nr
         k_z, d_x, d_y, d_z = k_z + kz, d_x + ex, d_y + ey, d_z + ez
-    sa, sx, sr, sy = loads.sides(p, k_eq, N_phi, d, sin_g, cos_g, v_a, w_x, w_a, w_r, travel)
+    sa, sx, sr, sy = loads.sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, travel)
     fa, mx, mr, d_y = fa + sa, mx + sx, mr + sr, d_y + sy
 
     weight = wheel.active
@@ -232,7 +260,7 @@ def _contact(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
     f[0], f[1], f[2] = fx * x_x + fa * a_x + fr * r_x, fx * x_y + fa * a_y + fr * r_y, fx * x_z + fa * a_z + fr * r_z
     m[0], m[1], m[2] = mx * x_x + ma * a_x + mr * r_x, mx * x_y + ma * a_y + mr * r_y, mx * x_z + ma * a_z + mr * r_z
     y_x, y_y, y_z = cross(n_x, n_y, n_z, x_x, x_y, x_z)
-    r, point = wheel.r_0, contact.point_0
+    point = contact.point_0
     point[0], point[1], point[2] = r[0] - p.r_w * n_x, r[1] - p.r_w * n_y, r[2] - p.r_w * n_z
     axes = contact.axes
     axes[0, 0], axes[0, 1], axes[0, 2] = x_x, x_y, x_z

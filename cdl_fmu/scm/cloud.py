@@ -20,6 +20,7 @@ import math
 from ..slave.kernel import kernel
 from ..strength import angle, escape, left_by_push, log_of_push, softened, strength_of, yield_pressure
 from ..terramechanics import flow_value
+from ..unloading import pressure, unloading_of, unloading_stiffness
 from .columns import (
     ACROSS,
     ALONG,
@@ -75,7 +76,7 @@ from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import deepest_of_table, mobilised, power, pressure, remembered, unloading_of, unloading_stiffness, whole
+from .stress import deepest_of_table, mobilised, power, remembered, whole
 from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from ..terramechanics import janosi_displacement
+from ..terramechanics import janosi_displacement, unit_weight
 from .columns import AREA, N_Z, SIDE_ACROSS, SIDE_ALONG, X, Y, Z
 from .stress import counted, remembered, secant_share
 from .tiles import nearest, row_of, surface_height
@@ -46,4 +46,4 @@ def passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner):
     per_length = p.cell / max(math.sqrt(n_x * n_x + n_y * n_y), 1e-9)
     i, j = nearest(r_0[0] + x + n_x * per_length, p.cell), nearest(r_0[1] + y + n_y * per_length, p.cell)
     depth = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - z
-    return p.rho * p.gravity * depth * N_phi + 2.0 * p.c * math.sqrt(N_phi) if depth > 0.0 else 0.0  # Eq. (8.8)
+    return unit_weight(p.rho, p.gravity, p.slope) * depth * N_phi + 2.0 * p.c * math.sqrt(N_phi) if depth > 0.0 else 0.0  # Eq. (8.8)

@@ -10,10 +10,11 @@ import math
 from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..strength import angle, escape, left_by_push, log_of_push, softened, yield_pressure
-from ..terramechanics import flow_value, mohr_coulomb, rankine_wall
+from ..terramechanics import flow_value, mohr_coulomb, rankine_wall, unit_weight
+from ..unloading import pressure, unloading_of, unloading_stiffness
 from .columns import D_Z, K_X, K_Y, K_Z, PUSHED_X, PUSHED_Y, add_force
 from .rim import attitude, damping_of, pushes
-from .stress import deepest_of_table, mobilised, power, pressure, unloading_of, unloading_stiffness, whole
+from .stress import deepest_of_table, mobilised, power, whole
 from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 
 
@@ -53,7 +54,7 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
     strips = math.ceil(p.b_w / p.cell)
     width = p.b_w / strips
     interlocked = shear_radius(p, N_phi) > p.r_w
-    gamma_s = p.rho * p.gravity
+    gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     forward = 1.0 if v_x >= 0.0 else -1.0
     for g in range(int(p.n_g)):
         theta = first + g * pitch

@@ -23,12 +23,14 @@ from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing
 from ..strength import STRENGTH
 from ..terrain.raster import load_raster
+from ..unloading import UNLOADING
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
 from .columns import WIDTH
+from .erosion import repose_of
 from .meshes import load_meshes
 from .pool import SoilPool
-from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise, parallel_step, step
+from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise, step_kernels
 from .tiles import LONGEST_QUEUE
 
 _MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
@@ -46,6 +48,7 @@ class SCM(KernelModel):
         n_wheels: Number of wheels.
         n_patches: Number of wheels of other tiers that get the heights around them.
         n_bodies: Number of other bodies, such as footpads, bellies and rocks; each needs a mesh.
+        n_compacted: 0, or n_patches: the patches say what pressed the soil before, beside its heights.
     """
 
     parameters = (
@@ -53,6 +56,7 @@ class SCM(KernelModel):
         | SOIL
         | WHEEL
         | STRENGTH
+        | UNLOADING
         | Record(
             ground_z=Real(
                 0.0, "m", "Height of the undisturbed ground, from which sinkage counts; a base raster has heights of its own", (), -1e6, 1e6
@@ -61,15 +65,6 @@ class SCM(KernelModel):
             pressure_model=Choice("Plastic pressure", bekker="(k_c/b + k_phi) z^n", reece="(c k_c_1 + rho g b k_phi_1) (z/b)^n"),
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
-            unloading_ratio=Real(
-                8.0,
-                "1",
-                "Stiffness of soil that is unloaded and loaded again over the slope of its law of pressure; used where k_0 and A_u are 0",
-                min=1.0,
-                max=1e6,
-            ),
-            k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
-            A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),
             strength=Choice(
                 "Strength of soil that is sheared, pushed along or heaped up",
                 critical_state="falls from what plates measured to its critical state",
@@ -134,11 +129,14 @@ class SCM(KernelModel):
     }
     pool_class = SoilPool
     arguments = ARGUMENTS
-    initialise_kernel, step_kernel, parallel_step_kernel = map(staticmethod, (initialise, step, parallel_step))
+    initialise_kernel = staticmethod(initialise)
 
-    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0):
-        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies)
-        self.identifier = f"cdl_scm_w{n_wheels}" + (f"p{n_patches}" if n_patches else "") + (f"b{n_bodies}" if n_bodies else "")
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0, n_compacted: int = 0):
+        if n_compacted not in (0, n_patches):
+            raise ValueError(f"n_compacted = {n_compacted}: choose 0 (patches of heights) or {n_patches} (patches with compaction)")
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies, n_compacted=n_compacted)
+        sizes = {"p": n_patches, "b": n_bodies, "c": n_compacted}
+        self.identifier = f"cdl_scm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         b = Real(0.0, "m", "Width b of Bekker's law; 0 = 2 A / L of the mesh's projection on its x-y plane", min=0.0, max=100.0)
         self.parameters = SCM.parameters | Record(body=Array(n_bodies, Record(b=b)))
         self.files = {
@@ -159,8 +157,13 @@ class SCM(KernelModel):
             body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
         )
         self.outputs = (
-            wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels) | patch_in(n_patches) | body_wrench(n_bodies)
+            wheel_wrench(n_wheels)
+            | contact_jacobian(n_wheels)
+            | diagnostics(n_wheels)
+            | patch_in(n_patches, n_compacted > 0)
+            | body_wrench(n_bodies)
         )
+        self.step_kernel, self.parallel_step_kernel = step_kernels(n_compacted > 0)
 
     def check(self, p) -> None:
         if p.cell > p.b_w / 3.0:
@@ -168,6 +171,11 @@ class SCM(KernelModel):
                 f"cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {p.b_w / 3.0:.3g} m"
             )
         check_wheel(p)
+        if p.slope > (repose := repose_of.py_func(p)):
+            raise ModelError(
+                f"slope = {p.slope:g} rad: steeper than the soil's angle of repose, {repose:.4g} rad, it slides down by itself; "
+                f"use at most {repose:.4g} rad, or raise repose (0 = phi)"
+            )
         for name in ("erosion_sweeps", "max_tiles"):
             if p[name] != math.floor(p[name]):
                 raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")

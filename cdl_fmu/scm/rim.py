@@ -14,7 +14,8 @@ from ..bcm.loads import shear_radius
 from ..slave.kernel import kernel
 from ..strength import angle, escape, exponential, left_by_push, log_of_push, softened, yield_pressure
 from ..terramechanics import flow_value
-from .stress import counted, power, pressure, remembered, secant_share, unloading_of, unloading_stiffness, whole
+from ..unloading import pressure, unloading_of, unloading_stiffness
+from .stress import counted, power, remembered, secant_share, whole
 from .tiles import POINTS
 
 #: Cells in a block: a multiple of a vector's length, and no power of two, whose columns would compete for the same lines of the cache.

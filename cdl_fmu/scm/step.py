@@ -7,6 +7,7 @@ depends on the number of threads.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numba
@@ -303,66 +304,74 @@ def settle_all(p, *arrays):
     return settle(p, rows, marks, head, ground, frame, arrays[16], arrays[17])
 
 
-@kernel
-def fill_patches(p, u, y, *arrays):
-    rows, marks, head, ground, frame = arrays[:5]
-    for i in range(len(u.trailing)):
-        fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, y.patch[i])
+@cache
+def step_kernels(compaction: bool):
+    """The step of a model with or without compaction in its patches, with one thread and with several."""
 
+    @kernel
+    def fill_patches(p, u, y, *arrays):
+        rows, marks, head, ground, frame = arrays[:5]
+        for i in range(len(u.trailing)):
+            patch = y.patch[i]
+            if compaction:
+                fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, patch, patch.sinkage, patch.yield_pressure)
+            else:
+                fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, patch)
 
-@kernel
-def step(t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, arrays):
-    p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
-    u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
-    y = Outputs(wrenches, contacts, diagnostics, patches, answers)
-    place_all(u, *arrays)
-    status = refused(p, u, memory, y, *arrays)
-    if status:
-        return status
-    if not make_all_ready(p, u, *arrays):
-        return FULL
-    x.stamp += 1.0
-    for k in range(len(sums)):
-        stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays)
-    status = pressed_through(p, u, *arrays)
-    if status:
-        x.stamp -= 1.0
-        return status
-    status = answer_all(p, u, memory, y, *arrays)
-    done = displace(p, u, x, *arrays)
-    for _ in range(sweeps_due(p, x, h)):
-        for k in range(head[SLIDING]):
-            slide_tile(k, P, X, *arrays)
-        done &= settle_all(p, *arrays)
-    fill_patches(p, u, y, *arrays)
-    return status if done or status else NO_ROOM_TO_SLIDE
+    @kernel
+    def step(t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, arrays):
+        p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
+        u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
+        y = Outputs(wrenches, contacts, diagnostics, patches, answers)
+        place_all(u, *arrays)
+        status = refused(p, u, memory, y, *arrays)
+        if status:
+            return status
+        if not make_all_ready(p, u, *arrays):
+            return FULL
+        x.stamp += 1.0
+        for k in range(len(sums)):
+            stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays)
+        status = pressed_through(p, u, *arrays)
+        if status:
+            x.stamp -= 1.0
+            return status
+        status = answer_all(p, u, memory, y, *arrays)
+        done = displace(p, u, x, *arrays)
+        for _ in range(sweeps_due(p, x, h)):
+            for k in range(head[SLIDING]):
+                slide_tile(k, P, X, *arrays)
+            done &= settle_all(p, *arrays)
+        fill_patches(p, u, y, *arrays)
+        return status if done or status else NO_ROOM_TO_SLIDE
 
+    @kernel(parallel=True)
+    def parallel_step(
+        t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, arrays
+    ):
+        p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
+        u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
+        y = Outputs(wrenches, contacts, diagnostics, patches, answers)
+        place_all(u, *arrays)
+        status = refused(p, u, memory, y, *arrays)
+        if status:
+            return status
+        if not make_all_ready(p, u, *arrays):
+            return FULL
+        x.stamp += 1.0
+        for k in numba.prange(len(sums)):  # unsigned there
+            stress(np.int64(k), h, P, X, wheels, wheel_memory, body_memory, *arrays)
+        status = pressed_through(p, u, *arrays)
+        if status:
+            x.stamp -= 1.0
+            return status
+        status = answer_all(p, u, memory, y, *arrays)
+        done = displace(p, u, x, *arrays)
+        for _ in range(sweeps_due(p, x, h)):
+            for k in numba.prange(head[SLIDING]):
+                slide_tile(np.int64(k), P, X, *arrays)
+            done &= settle_all(p, *arrays)
+        fill_patches(p, u, y, *arrays)
+        return status if done or status else NO_ROOM_TO_SLIDE
 
-@kernel(parallel=True)
-def parallel_step(
-    t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, arrays
-):
-    p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
-    u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
-    y = Outputs(wrenches, contacts, diagnostics, patches, answers)
-    place_all(u, *arrays)
-    status = refused(p, u, memory, y, *arrays)
-    if status:
-        return status
-    if not make_all_ready(p, u, *arrays):
-        return FULL
-    x.stamp += 1.0
-    for k in numba.prange(len(sums)):  # unsigned there
-        stress(np.int64(k), h, P, X, wheels, wheel_memory, body_memory, *arrays)
-    status = pressed_through(p, u, *arrays)
-    if status:
-        x.stamp -= 1.0
-        return status
-    status = answer_all(p, u, memory, y, *arrays)
-    done = displace(p, u, x, *arrays)
-    for _ in range(sweeps_due(p, x, h)):
-        for k in numba.prange(head[SLIDING]):
-            slide_tile(np.int64(k), P, X, *arrays)
-        done &= settle_all(p, *arrays)
-    fill_patches(p, u, y, *arrays)
-    return status if done or status else NO_ROOM_TO_SLIDE
+    return step, parallel_step

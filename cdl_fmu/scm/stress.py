@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from ..slave.kernel import kernel
-from ..terramechanics import bekker_modulus, janosi_displacement
+from ..terramechanics import bekker_modulus, janosi_displacement, unit_weight
 
 #: Largest shear displacement that a cell remembers, in units of K: beyond it reversing would take longer than mobilising did.
 LONGEST_MEMORY = 5.0
@@ -24,7 +23,8 @@ def whole(force):
 def pressure_modulus(p, b):
     """k [N/m^(n+2)] of the pressure k z^n under a tool of width b [m]."""
     if p.pressure_model == 2.0:
-        return (p.c * p.k_c_1 + p.rho * p.gravity * b * p.k_phi_1) / b**p.n  # Reece 1965: (c k'_c + gamma_s b k'_phi) (z/b)^n
+        gamma_s = unit_weight(p.rho, p.gravity, p.slope)
+        return (p.c * p.k_c_1 + gamma_s * b * p.k_phi_1) / b**p.n  # Reece 1965: (c k'_c + gamma_s b k'_phi) (z/b)^n
     return bekker_modulus(p.k_c, p.k_phi, b)  # Eq. (8.5)
 
 
@@ -52,55 +52,6 @@ def power(table, per_spacing, n, depth):
     a, b, d_a, d_b = table[0, k], table[0, k + 1], table[1, k], table[1, k + 1]
     c = b - a
     return a + s * (d_a + s * (3.0 * c - 2.0 * d_a - d_b + s * (d_a + d_b - 2.0 * c)))
-
-
-class Unloading(NamedTuple):
-    """How stiff soil is that is unloaded and loaded again: k_u = k_0 + A_u z_u (Wong 1980), or in ratio to the law of pressure."""
-
-    k_0: float  # [Pa/m]
-    A_u: float  # [Pa/m2]
-    ratio: float  # of k_u to the secant pressure / depth [1]; 0 where k_0 and A_u are given
-    rest: float  # share of a depth that is left when the load goes [1]
-    exponent: float  # of the slope of the law of pressure over depth [1]
-
-
-@kernel
-def unloading_of(p):
-    """The law of unloading that a model's parameters give."""
-    if p.k_0 + p.A_u > 0.0:
-        return Unloading(p.k_0, p.A_u, 0.0, 1.0, 0.0)
-    ratio = max(p.unloading_ratio * p.n, 2.0)  # soil springs back by 1 / ratio of its depth, half of it at most
-    return Unloading(0.0, 0.0, ratio, 1.0 - 1.0 / ratio, p.n - 1.0)
-
-
-@kernel(inline=True)
-def unloading_stiffness(law, depth, dense, floor):
-    """Stiffness k_u [Pa/m] of soil that is unloaded or loaded again.
-
-    It is that of the depth z_u from which the soil is unloaded: the floor and what sprang back, or the tool's depth where that is more.
-
-    Args:
-        law: See ``unloading_of``.
-        depth: Depth of the tool [m], where dense soil bears the pressure ``dense`` [Pa].
-        floor: Depth of the floor that was pressed before [m].
-    """
-    if law.ratio == 0.0:
-        k_u = law.k_0 + law.A_u * depth
-        return k_u + law.A_u * max(0.0, floor + dense / k_u - depth)
-    per_depth = 1.0 / depth
-    more = min(max(0.0, floor * (1.0 / law.rest) * per_depth - 1.0), 1.0)  # z_u / depth - 1
-    return law.ratio * dense * per_depth * (1.0 + law.exponent * more)  # slope at z_u, to first order
-
-
-@kernel(inline=True)
-def pressure(k_u, n, elastic, depth, plastic):
-    """Elastic-plastic pressure [Pa] and its slope [Pa/m] of soil pressed ``elastic`` > 0 [m] below its floor, at a depth [m].
-
-    Elastic predictor k_u elastic, limited by the plastic pressure; the floor that is left lies pressure / k_u above the tool.
-    """
-    trial = k_u * elastic
-    yields = trial >= plastic
-    return plastic if yields else trial, n * plastic * (1.0 / depth) if yields else k_u
 
 
 @kernel(inline=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..slave.kernel import kernel
 from ..strength import strength_of
-from ..terramechanics import flow_value, janosi_displacement, rankine_wall
+from ..terramechanics import flow_value, janosi_displacement, rankine_wall, unit_weight
 from .columns import (
     ACROSS,
     ALONG,
@@ -285,7 +285,7 @@ def _sides(p, wheel, strength, h, rows, grid, corner, sums):
     level, h_x, h_y, tilt = attitude(wheel)
     v_0, w_0 = wheel.v_0, wheel.w_0
     v_x, v_y, w_x = v_0[0] * h_x + v_0[1] * h_y, v_0[1] * h_x - v_0[0] * h_y, w_0[0] * h_x + w_0[1] * h_y
-    cell, gamma_s, N_phi = p.cell, p.rho * p.gravity, flow_value(p.phi)
+    cell, gamma_s, N_phi = p.cell, unit_weight(p.rho, p.gravity, p.slope), flow_value(p.phi)
     length = max(sums[ALONG_MAX] - sums[ALONG_MIN], cell)
     u = v_y + w_x * p.r_w  # of the rim's lowest point
     modulus = strength.wall_modulus

@@ -1,20 +1,42 @@
 """The contact interface (the unified interface of the Contact Dynamics Library): the records that every tier shares.
 
-World frame: z up. Suffix ``_0`` = resolved in the world frame. ``T`` is the rotation from world to wheel, as ``R.T`` in
+World frame: z up, on a slope normal to it, so that x and y lie in the slope and gravity is what tilts. Suffix ``_0`` = resolved in the
+world frame. ``T`` is the rotation from world to wheel, as ``R.T`` in
 Modelica.Mechanics.MultiBody.Frames: ``v_wheel = T @ v_0``. The wheel frame spins with the wheel; its y axis is the axle, to the left.
 """
 
 from __future__ import annotations
 
+import math
+
 from .records import Array, Real, Record
 
 _BIG = 1e6  # [m], [m/s], [rad/s]: beyond this a value is not a rover's
+#: Least depth that the yield pressure of a patch is of, in widths of the wheel: there a loose mound shows.
+TESTED = 0.3
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 #: Parameters that every part of a system shares.
 ENVIRONMENT = Record(
-    gravity=Real(9.81, "m/s2", "Acceleration of gravity, along -z", min=0.0, max=100.0, names={"Earth": 9.81, "Mars": 3.71, "Moon": 1.62})
+    gravity=Real(
+        9.81,
+        "m/s2",
+        "Acceleration of gravity, along -z on level ground",
+        min=0.0,
+        max=100.0,
+        names={"Earth": 9.81, "Mars": 3.71, "Moon": 1.62},
+    ),
+    slope=Real(
+        0.0, "rad", "Slope of the ground, in which the world's x and y axes lie; gravity is tilted against z by it", min=0.0, max=1.5
+    ),
+    uphill=Real(
+        0.0,
+        "rad",
+        "Direction of the slope's steepest ascent from the x axis, positive to the left; used where slope is not 0",
+        min=-2.0 * math.pi,
+        max=2.0 * math.pi,
+    ),
 )
 
 
@@ -84,25 +106,36 @@ def diagnostics(n: int) -> Record:
                 theta_exit=Real(0.0, "rad", "Exit angle theta_0 from nadir, positive forward"),
                 drawbar_pull=Real(0.0, "N", "Longitudinal contact force in the heading frame"),
                 lateral_force=Real(0.0, "N", "Lateral contact force in the heading frame, positive to the left"),
-                normal_load=Real(0.0, "N", "Vertical contact force"),
+                normal_load=Real(0.0, "N", "Contact force along z"),
                 drive_torque=Real(0.0, "N.m", "Torque that the drive has to exert against the contact, about the axle"),
             ),
         )
     )
 
 
-def patch_in(n: int, nx: int = 13, ny: int = 9) -> Record:
-    """Height patch around each of ``n`` wheels: nodes at multiples of the spacing in world axes."""
-    return Record(
-        patch=Array(
-            n,
-            Record(
-                origin=Real(0.0, "m", "World x and y of node [1,1]", (2,), -_BIG, _BIG),
-                spacing=Real(0.0, "m", "Distance of neighbouring nodes; 0 = no patch yet", min=0.0, max=1.0),
-                z=Real(0.0, "m", "Height of the soil surface at node [x,y]", (nx, ny), -_BIG, _BIG),
+def patch_in(n: int, compaction: bool = False, nx: int = 13, ny: int = 9) -> Record:
+    """Height patch around each of ``n`` wheels: nodes at multiples of the spacing in world axes.
+
+    With ``compaction`` it carries what pressed the soil before, too.
+    """
+    nodes = Record(
+        origin=Real(0.0, "m", "World x and y of node [1,1]", (2,), -_BIG, _BIG),
+        spacing=Real(0.0, "m", "Distance of neighbouring nodes; 0 = no patch yet", min=0.0, max=1.0),
+        z=Real(0.0, "m", "Height of the soil surface at node [x,y]", (nx, ny), -_BIG, _BIG),
+    )
+    if compaction:
+        nodes |= Record(
+            sinkage=Real(0.0, "m", "Plastic sinkage that is left of what pressed the soil at node [x,y]", (nx, ny), 0.0, _BIG),
+            yield_pressure=Real(
+                0.0,
+                "Pa",
+                f"Pressure at which the soil at node [x,y] yields at the depth to which it was pressed, at least {TESTED:g} wheel widths",
+                (nx, ny),
+                0.0,
+                1e12,
             ),
         )
-    )
+    return Record(patch=Array(n, nodes))
 
 
 def trailing_in(n: int) -> Record:

@@ -10,7 +10,7 @@ import math
 
 from ..frames import cross, dot
 from ..slave.kernel import kernel
-from .patch import surface
+from .patch import add_sinkage, surface
 
 RAYS_ALONG, RAYS_ACROSS = 9, 7  # a ray for each cell of the wheel's plan view, in its middle
 _FULL_WEIGHT = 0.010  # [m] penetration from which a ray counts fully, so that a new one does not jerk the plane
@@ -18,7 +18,7 @@ _NORMALS = 0.1  # weight of a normal against that of a point one radius off the 
 
 
 @kernel
-def ray(patch, wheel, radius, width, i, j):
+def ray(patch, wheel, radius, width, i, j, sinkage=None):
     """One ray: along index i in 0..8, across index j in 0..6.
 
     Returns:
@@ -35,6 +35,8 @@ def ray(patch, wheel, radius, width, i, j):
     out_x, out_y, out_z = sin * h_x - cos * up_x, sin * h_y - cos * up_y, -cos * up_z
     x, y, z = radius * out_x + xi * a_x, radius * out_y + xi * a_y, radius * out_z + xi * a_z
     hit, height, slope_x, slope_y = surface(patch, r[0] + x, r[1] + y)
+    if sinkage is not None and hit:
+        height, slope_x, slope_y = add_sinkage(patch, sinkage, r[0] + x, r[1] + y, height, slope_x, slope_y)
     z_hit = height - r[2]
     scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     n_x, n_y, n_z = -slope_x * scale, -slope_y * scale, scale
@@ -46,11 +48,14 @@ def ray(patch, wheel, radius, width, i, j):
 
 
 @kernel
-def contact_plane(patch, wheel, radius, width):
+def contact_plane(patch, wheel, radius, width, sinkage=None):
     """Plane fitted to all rays that hit.
 
     Minimises over the unit normal n: sum w [n (x - mean x)]^2 / radius^2 - _NORMALS sum w (n n_i)^2, so n is the eigenvector of the
     smallest eigenvalue of a symmetric matrix.
+
+    Args:
+        sinkage: That of the patch's nodes [m]: then rays end on the level from which it counts, not on the surface.
 
     Returns:
         found (False if no ray hits), n (3), a point of the plane [m] relative to the wheel's centre (3).
@@ -60,7 +65,7 @@ def contact_plane(patch, wheel, radius, width):
     n_xx = n_xy = n_xz = n_yy = n_yz = n_zz = 0.0
     for i in range(RAYS_ALONG):
         for j in range(RAYS_ACROSS):
-            w, x, y, z, n_x, n_y, n_z, _ = ray(patch, wheel, radius, width, i, j)
+            w, x, y, z, n_x, n_y, n_z, _ = ray(patch, wheel, radius, width, i, j, sinkage)
             if w <= 0.0:
                 continue
             total += w

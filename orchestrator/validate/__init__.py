@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..side_by_side import Crew
-from . import closed_forms, identification, multipass, predictions, repetitive, scm, sensitivities, single_wheel
+from . import closed_forms, identification, multipass, predictions, repetitive, scm, sensitivities, single_wheel, slopes
 from .bench import Bench
 from .report import Report
 from .rows import Findings
@@ -24,6 +24,7 @@ CHECKS: dict[str, Callable[[Bench], Findings]] = {
     "scm_grid": scm.grid,
     "scm_soil": scm.soil,
     "multipass": multipass.check,
+    "slopes": slopes.check,
     "closed_forms": closed_forms.check,
     "repetitive": repetitive.check,
     "identification": identification.check,

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from cdl_fmu.frames import vertical
 from cdl_fmu.scm import SCM
 from cdl_fmu.scm.pool import Heights, heights
 from cdl_fmu.scm.tiles import FILL, QUANTUM, SINKAGE, SLIDING, TILE, let_slide, touch
@@ -74,3 +75,18 @@ def slopes(instance: Instance, top: float, directions: int = 32) -> np.ndarray:
         flank = (h > 0.2 * top) & (h < 0.8 * top)
         out.append(math.atan(-np.polyfit(r[flank], h[flank], 1)[0]))
     return np.array(out)
+
+
+def inclinations(instance: Instance, sides: int = 8) -> np.ndarray:
+    """Inclination [rad] of a heap's surface against the horizontal, on a slope too, between 0.2 and 0.8 of its height above the ground.
+
+    Means over its sides, which part the directions from its highest cell: the first is uphill, the others follow to the left.
+    """
+    soil, p = surface(instance), instance.p
+    top, z = np.unravel_index(np.nanargmax(soil.z), soil.z.shape), soil.z
+    (rise_x, rise_y), (up_x, up_y, up_z) = np.gradient(z, soil.spacing), vertical(p.slope, p.uphill)
+    cosine = (up_z - rise_x * up_x - rise_y * up_y) / np.sqrt(1.0 + rise_x**2 + rise_y**2)
+    x, y = np.indices(z.shape) - np.reshape(top, (2, 1, 1))
+    side = np.round((np.arctan2(y, x) - p.uphill) * sides / (2.0 * math.pi)).astype(int) % sides
+    flank = (z > 0.2 * z[top]) & (z < 0.8 * z[top])
+    return np.array([np.arccos(cosine[flank & (side == k)]).mean() for k in range(sides)])
