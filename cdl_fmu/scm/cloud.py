@@ -76,7 +76,7 @@ from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import deepest_of_table, mobilised, power, remembered, whole
+from .stress import mobilised, nodes_per_root, power, remembered, whole
 from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
@@ -138,7 +138,7 @@ def cloud_contact(
     cell, l_x, l_y = p.cell, -h_y, h_x
     N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
     damping = max(0.0, 1.0 - p.c_d * tool.v_0[2])  # Hunt & Crossley 1975, as in BCM
-    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
+    per_root = nodes_per_root(p, tables[0])
     v_0 = tool.v_0
     speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
     strength = strength_of(p, p.strength == 1.0, repose_of(p), width, length, sums[DEPTH], along)
@@ -194,7 +194,7 @@ def cloud_contact(
                     depth = surface - z
                     before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
                     if depth > before:
-                        dense = modulus * power(tables[0], per_spacing, p.n, depth)
+                        dense = modulus * power(tables[0], per_root, p.n, depth)
                         rise = (n_x * h_x + n_y * h_y) / -n_z
                         plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, left))
                         sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
@@ -217,7 +217,7 @@ def cloud_contact(
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
-                    dense = modulus * power(tables[0], per_spacing, p.n, depth)
+                    dense = modulus * power(tables[0], per_root, p.n, depth)
                     k_u = unloading_stiffness(unloading, depth, dense, before)
                     share = _escape(strength, forward * cells[n, SLOPE + k] / plan, left)
                     plastic = yield_pressure(strength, dense, depth, fill, soft, share)

@@ -14,7 +14,7 @@ from ..terramechanics import flow_value, mohr_coulomb, rankine_wall, unit_weight
 from ..unloading import pressure, unloading_of, unloading_stiffness
 from .columns import D_Z, K_X, K_Y, K_Z, PUSHED_X, PUSHED_Y, add_force
 from .rim import attitude, damping_of, pushes
-from .stress import deepest_of_table, mobilised, power, whole
+from .stress import mobilised, nodes_per_root, power, whole
 from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 
 
@@ -31,9 +31,9 @@ def dragged_layer(p):
 
 
 @kernel
-def _pressure(p, strength, modulus, table, per_spacing, depth, floor, fill, soft, share):
+def _pressure(p, strength, modulus, table, per_root, depth, floor, fill, soft, share):
     """Pressure [Pa] and its slope [Pa/m] at a depth [m] below the floor, see ``pressure`` and ``yield_pressure``."""
-    dense = modulus * power(table, per_spacing, p.n, depth)
+    dense = modulus * power(table, per_root, p.n, depth)
     plastic = yield_pressure(strength, dense, depth, fill, soft, share)
     return pressure(unloading_stiffness(unloading_of(p), depth, dense, floor), p.n, depth - floor, depth, plastic)
 
@@ -45,7 +45,7 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
     level, h_x, h_y, tilt = attitude(wheel)
     v_x, v_z, w_y = v_0[0] * h_x + v_0[1] * h_y, v_0[2], w_0[1] * h_x - w_0[0] * h_y
     N_phi, tan_phi, damping = flow_value(p.phi), math.tan(p.phi), damping_of(p, wheel)
-    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
+    per_root = nodes_per_root(p, tables[0])
     r_tip = p.r_w + p.h_g
     # Angle from nadir of the grouser along -z of the wheel frame, about the axle.
     up_x, up_y, up_z = tilt * h_y, -tilt * h_x, level
@@ -86,7 +86,7 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
             left = left_by_push(strength, logs[0], logs[1], logs[2])
             share = escape(strength, forward * angle(sin, cos), forward * sin, left[0], left[1], left[2])
             soft = softened(strength, path)
-            sigma, rise = _pressure(p, strength, modulus, tables[0], per_spacing, depth, floor, fill, soft, share)
+            sigma, rise = _pressure(p, strength, modulus, tables[0], per_root, depth, floor, fill, soft, share)
             u = v_x * cos + v_z * sin - w_y * r_tip
             m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
             m_t, m_l = m_x * h_x + m_y * h_y, m_y * h_x - m_x * h_y
@@ -102,7 +102,7 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
                 over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
                 q = 0.0
                 if p.kappa_q > 0.0 and rim > floor:
-                    q = p.kappa_q * _pressure(p, strength, modulus, tables[0], per_spacing, rim, floor, fill, soft, share)[0]
+                    q = p.kappa_q * _pressure(p, strength, modulus, tables[0], per_root, rim, floor, fill, soft, share)[0]
                 passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
                 face = p.r_w + 0.5 * p.h_g
                 add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)

@@ -76,13 +76,13 @@ def pushes(K, d_x, d_y, j_x, j_y):
 
 
 @kernel
-def press_and_shear(p, wheel, n, strength, modulus, tables, per_spacing, h, block):
+def press_and_shear(p, wheel, n, strength, modulus, tables, per_root, h, block):
     """What the first n cells of a block do to the wheel, and the wheel to them.
 
     Args:
         modulus: k of the pressure law [N/m^(n+2)].
         strength: See ``strength_of``.
-        tables, per_spacing: Powers of the depth and what pushes leave, see ``wheel_contact``; nodes of the powers per metre.
+        tables, per_root: Powers of the depth and what pushes leave, see ``wheel_contact``; nodes of the powers per root of depth.
         h: Length of the step [s].
     """
     level, h_x, h_y, _ = attitude(wheel)
@@ -104,7 +104,7 @@ def press_and_shear(p, wheel, n, strength, modulus, tables, per_spacing, h, bloc
         offset = (k + 0.5) * p.cell / POINTS - 0.5 * p.cell
         _depths(n, offset, p.r_w, per_level, block)
         for m in range(n):
-            block.power[m] = power(tables[0], per_spacing, p.n, block.positive[m])
+            block.power[m] = power(tables[0], per_root, p.n, block.positive[m])
         _pressures(n, k, offset, (p.r_w, p.n, per_level, forward, modulus), strength, unloading, block)
     v_0, w_0, reach = wheel.v_0, wheel.w_0, shear_radius(p, flow_value(p.phi)) / p.r_w
     _velocities(

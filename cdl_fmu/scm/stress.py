@@ -32,19 +32,19 @@ def pressure_modulus(p, b):
 def tabulate(n, deepest, table):
     """Fill ``table`` [2, nodes] with depth^n and its difference per node by slope, at depths from 0 to ``deepest`` [m].
 
-    A power costs twenty times its cubic interpolation, whose error is below 1e-5 from five nodes on.
+    A power costs twenty times its cubic interpolation over the root of the depth, whose error is below 1e-4 from 0.1 mm on.
     """
-    spacing = deepest / (table.shape[1] - 1)
+    spacing = math.sqrt(deepest) / (table.shape[1] - 1)
     for k in range(table.shape[1]):
-        depth = k * spacing
-        table[0, k] = depth**n if depth > 0.0 else 0.0
-        table[1, k] = n * depth ** (n - 1.0) * spacing if depth > 0.0 else 0.0
+        root = k * spacing
+        table[0, k] = root ** (2.0 * n) if root > 0.0 else 0.0
+        table[1, k] = 2.0 * n * root ** (2.0 * n - 1.0) * spacing if root > 0.0 else 0.0
 
 
 @kernel(inline=True)
-def power(table, per_spacing, n, depth):
-    """depth^n by cubic Hermite interpolation; depth > 0 [m]."""
-    s = depth * per_spacing
+def power(table, per_root, n, depth):
+    """depth^n by cubic Hermite interpolation; depth > 0 [m], nodes ``per_root`` [m^-1/2], see ``nodes_per_root``."""
+    s = math.sqrt(depth) * per_root
     k = int(s)
     if k >= table.shape[1] - 1:
         return depth**n
@@ -52,6 +52,12 @@ def power(table, per_spacing, n, depth):
     a, b, d_a, d_b = table[0, k], table[0, k + 1], table[1, k], table[1, k + 1]
     c = b - a
     return a + s * (d_a + s * (3.0 * c - 2.0 * d_a - d_b + s * (d_a + d_b - 2.0 * c)))
+
+
+@kernel
+def nodes_per_root(p, table):
+    """Nodes of a table of powers per root of depth [m^-1/2]."""
+    return (table.shape[1] - 1.0) / math.sqrt(deepest_of_table(p))
 
 
 @kernel(inline=True)

@@ -61,7 +61,7 @@ from .columns import (
 from .erosion import repose_of
 from .grousers import dragged_layer, grousers
 from .rim import BLOCK, STEEPEST, attitude, press_and_shear
-from .stress import counted, deepest_of_table, remembered, secant_share, whole
+from .stress import counted, nodes_per_root, remembered, secant_share, whole
 from .tiles import (
     BASE,
     FILL,
@@ -212,8 +212,8 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
 @kernel
 def _bear(p, wheel, n_block, n, strength, tables, modulus, h, rows, block, cells, sums):
     """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
-    per_spacing = (tables[0].shape[1] - 1.0) / deepest_of_table(p)
-    press_and_shear(p, wheel, n_block, strength, modulus, tables, per_spacing, h, block)
+    per_root = nodes_per_root(p, tables[0])
+    press_and_shear(p, wheel, n_block, strength, modulus, tables, per_root, h, block)
     level, r = attitude(wheel)[0], p.r_w
     layer = dragged_layer(p) * h / p.cell
     speed = math.hypot(wheel.v_0[0], wheel.v_0[1])
