@@ -72,12 +72,13 @@ from .columns import (
     Z,
     clear,
 )
+from .density import bearing_gain, density_of, friction
 from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
 from .stress import mobilised, nodes_per_root, power, remembered, whole
-from .tiles import BASE, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
+from .tiles import BASE, COMPACTED, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
 #: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
@@ -136,7 +137,7 @@ def cloud_contact(
         return
     r_0 = tool.r_0
     cell, l_x, l_y = p.cell, -h_y, h_x
-    N_phi, tan_phi = flow_value(p.phi), math.tan(p.phi)
+    N_phi, density = flow_value(p.phi), density_of(p)
     damping = max(0.0, 1.0 - p.c_d * tool.v_0[2])  # Hunt & Crossley 1975, as in BCM
     per_root = nodes_per_root(p, tables[0])
     v_0 = tool.v_0
@@ -161,6 +162,8 @@ def cloud_contact(
         floor, sinkage = floor_depth(rows, row, a, b), rows[row, SINKAGE, a, b]
         if not kept:
             slope = floor_slope(p, rows, grid, corner, i, j, h_x, h_y)
+        tan_phi = friction(density, rows[row, COMPACTED, a, b], sinkage)
+        borne = modulus * bearing_gain(density, tan_phi)
         j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], pushed
         if kept:
             j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
@@ -194,7 +197,7 @@ def cloud_contact(
                     depth = surface - z
                     before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
                     if depth > before:
-                        dense = modulus * power(tables[0], per_root, p.n, depth)
+                        dense = borne * power(tables[0], per_root, p.n, depth)
                         rise = (n_x * h_x + n_y * h_y) / -n_z
                         plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, left))
                         sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
@@ -217,7 +220,7 @@ def cloud_contact(
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
                 if depth > before:
-                    dense = modulus * power(tables[0], per_root, p.n, depth)
+                    dense = borne * power(tables[0], per_root, p.n, depth)
                     k_u = unloading_stiffness(unloading, depth, dense, before)
                     share = _escape(strength, forward * cells[n, SLOPE + k] / plan, left)
                     plastic = yield_pressure(strength, dense, depth, fill, soft, share)

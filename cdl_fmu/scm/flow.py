@@ -1,9 +1,10 @@
 """What becomes of the soil that a tool displaces: compaction, flow to the sides and ahead, and transport below the tool.
 
-A share ``plasticity`` of the volume that is pressed down plastically flows out from below the tool, the rest is compacted. It leaves
-across the nearer edge of the footprint of a wheel, as in the failure of a strip, or to all sides of a body, and heaves the ground beside
-it over the width of a Rankine passive wedge, depth tan(pi/4 + phi/2), most of it at the tool. Where friction pushes the soil ahead of a
-wheel in skid, or to a side, a share ``ahead`` of what flows out goes there.
+A share ``plasticity`` of the volume that is pressed down plastically flows out from below the tool, the rest is compacted, which stays with
+the cell; what soil as dense as can be would have to lose flows out too. It leaves across the nearer edge of the footprint of a wheel, as in
+the failure of a strip, or to all sides of a body, and heaves the ground beside it over the width of a Rankine passive wedge, depth
+tan(pi/4 + phi/2), most of it at the tool. Where friction pushes the soil ahead of a wheel in skid, or to a side, a share ``ahead`` of what
+flows out goes there.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from .columns import (
     A,
     B,
 )
+from .density import density_of
 from .tiles import (
+    COMPACTED,
     FILL,
     POINT,
     POINTS,
@@ -68,7 +71,7 @@ def press(p, sums, cells, stamp, rows, marks):
     Returns:
         Compacted volume, as height on one cell [m].
     """
-    compacted = 0.0
+    compacted, most = 0.0, density_of(p).most
     for n in range(int(sums[CELLS])):
         row, a, b = int(cells[n, ROW]), int(cells[n, A]), int(cells[n, B])
         marks[row, 0] = 1
@@ -88,9 +91,10 @@ def press(p, sums, cells, stamp, rows, marks):
         rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b] = cells[n, J_X], cells[n, J_Y]
         rows[row, SLIP, a, b] = cells[n, PATH]
         rows[row, STAMP, a, b] = stamp
-        displaced = quantised(p.plasticity * (after - before))
-        compacted += (after - before) - displaced
-        cells[n, DISPLACED] = displaced
+        denser = min((after - before) - quantised(p.plasticity * (after - before)), most - rows[row, COMPACTED, a, b])
+        rows[row, COMPACTED, a, b] += denser
+        compacted += denser
+        cells[n, DISPLACED] = (after - before) - denser
     return compacted
 
 

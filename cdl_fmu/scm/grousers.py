@@ -13,9 +13,10 @@ from ..strength import angle, escape, left_by_push, log_of_push, softened, yield
 from ..terramechanics import flow_value, mohr_coulomb, rankine_wall, unit_weight
 from ..unloading import pressure, unloading_of, unloading_stiffness
 from .columns import D_Z, K_X, K_Y, K_Z, PUSHED_X, PUSHED_Y, add_force
+from .density import bearing_gain, densification, friction, passive_gain
 from .rim import attitude, damping_of, pushes
 from .stress import mobilised, nodes_per_root, power, whole
-from .tiles import BASE, FILL, SHEAR_X, SHEAR_Y, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
+from .tiles import BASE, COMPACTED, FILL, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
 
 
 @kernel
@@ -39,12 +40,12 @@ def _pressure(p, strength, modulus, table, per_root, depth, floor, fill, soft, s
 
 
 @kernel
-def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums):
+def grousers(p, wheel, strength, density, modulus, tables, stamp, rows, grid, corner, sums):
     """Bearing and shear on the grousers' tips, passive earth pressure on their faces, strip by strip across the width."""
     T, r_0, v_0, w_0 = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
     level, h_x, h_y, tilt = attitude(wheel)
     v_x, v_z, w_y = v_0[0] * h_x + v_0[1] * h_y, v_0[2], w_0[1] * h_x - w_0[0] * h_y
-    N_phi, tan_phi, damping = flow_value(p.phi), math.tan(p.phi), damping_of(p, wheel)
+    N_phi, damping = flow_value(p.phi), damping_of(p, wheel)
     per_root = nodes_per_root(p, tables[0])
     r_tip = p.r_w + p.h_g
     # Angle from nadir of the grouser along -z of the wheel frame, about the axle.
@@ -78,6 +79,9 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
             depth = surface - z
             if depth <= floor:
                 continue
+            compacted = rows[row, COMPACTED, a, b]
+            tan_phi = friction(density, compacted, rows[row, SINKAGE, a, b])
+            borne = modulus * bearing_gain(density, tan_phi)
             j_x, j_y, path = sums[PUSHED_X], sums[PUSHED_Y], math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
             if kept:
                 j_x, j_y, path = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
@@ -86,7 +90,7 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
             left = left_by_push(strength, logs[0], logs[1], logs[2])
             share = escape(strength, forward * angle(sin, cos), forward * sin, left[0], left[1], left[2])
             soft = softened(strength, path)
-            sigma, rise = _pressure(p, strength, modulus, tables[0], per_root, depth, floor, fill, soft, share)
+            sigma, rise = _pressure(p, strength, borne, tables[0], per_root, depth, floor, fill, soft, share)
             u = v_x * cos + v_z * sin - w_y * r_tip
             m_x, m_y, _, secant = mobilised(p, j_x, j_y, u * h_x, u * h_y)
             m_t, m_l = m_x * h_x + m_y * h_y, m_y * h_x - m_x * h_y
@@ -102,8 +106,9 @@ def grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sum
                 over = max((depth if x > 0.0 else depth - floor) - wetted, 0.0)
                 q = 0.0
                 if p.kappa_q > 0.0 and rim > floor:
-                    q = p.kappa_q * _pressure(p, strength, modulus, tables[0], per_root, rim, floor, fill, soft, share)[0]
-                passive = rankine_wall(gamma_s, wetted, over, q, p.c, N_phi) * width * secant
+                    q = p.kappa_q * _pressure(p, strength, borne, tables[0], per_root, rim, floor, fill, soft, share)[0]
+                N_here, gamma_here = N_phi * passive_gain(density, tan_phi), gamma_s * densification(density, compacted)
+                passive = rankine_wall(gamma_here, wetted, over, q, p.c, N_here) * width * secant
                 face = p.r_w + 0.5 * p.h_g
                 add_force(sums, face * sin, y, -face * cos, -passive * m_t * cos, 0.0, -passive * m_t * sin)
                 stiffness += passive

@@ -27,6 +27,7 @@ from ..unloading import UNLOADING
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
 from .columns import WIDTH
+from .density import COMPRESSIBLE, check_density
 from .erosion import repose_of
 from .meshes import load_meshes
 from .pool import SoilPool
@@ -42,7 +43,7 @@ class SCM(KernelModel):
     The soil is a height map in cells. Each cell under a tool bears an elastic-plastic pressure by its depth and what pressed it before, and
     shear by the displacement of the tool against it; soil that is sheared, pushed along or heaped up bears less (see ``strength``). What is
     pressed down is compacted or flows out beside the tool, the tool drags a layer along, and slopes slide down to the angle of repose
-    (sections 8.3.12 to 8.3.15 of the chapter).
+    (sections 8.3.12 to 8.3.15 of the chapter). If it is ``compressible``, soil that is compacted again gets denser and stronger.
 
     Args:
         n_wheels: Number of wheels.
@@ -57,6 +58,7 @@ class SCM(KernelModel):
         | WHEEL
         | STRENGTH
         | UNLOADING
+        | COMPRESSIBLE
         | Record(
             ground_z=Real(
                 0.0, "m", "Height of the undisturbed ground, from which sinkage counts; a base raster has heights of its own", (), -1e6, 1e6
@@ -90,7 +92,7 @@ class SCM(KernelModel):
             map_min=Real(-1e6, "m", "Least x and y of the map", (2,), -1e6, 1e6),
             map_max=Real(1e6, "m", "Largest x and y of the map", (2,), -1e6, 1e6),
             threads=Real(1.0, "1", "Threads that work on tools and landslides at once; no result depends on it", min=1.0, max=256.0),
-            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (23 kB each) that may be touched", min=1.0, max=1e8),
+            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (26 kB each) that may be touched", min=1.0, max=1e8),
         )
     )
     events = WHEEL_EVENTS | {
@@ -189,6 +191,7 @@ class SCM(KernelModel):
             )
         if p.pressure_model == 1.0:
             check_bearing(p)
+        check_density(p)
 
     def make_pool(self, p, files) -> SoilPool:
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]

@@ -15,6 +15,7 @@ from ..slave.kernel import kernel
 from ..strength import angle, escape, exponential, left_by_push, log_of_push, softened, yield_pressure
 from ..terramechanics import flow_value
 from ..unloading import pressure, unloading_of, unloading_stiffness
+from .density import bearing_gain, friction
 from .stress import counted, power, remembered, secant_share, whole
 from .tiles import POINTS
 
@@ -28,6 +29,8 @@ _COLUMNS = (
     # height of the axle above the wheel's centre there [m]; the soil's surface relative to that centre [m], its fill [m], and its shear
     # displacement in world axes and its path of slip [m], updated.
     *("row", "a", "b", "along", "across", "cover", "lift", "surface", "fill", "j_x", "j_y", "path"),
+    # Height by which the soil was compacted, its plastic sinkage [m]; its tan(phi), pressure that it bears over what plates measured.
+    *("compacted", "sinkage", "friction", "firm"),
     # Share of its way to the critical state; mobilised shares of friction that push soil ahead and across (left); shares of strength
     # that the push leaves ahead, behind and beside.
     *("soft", "push_ahead", "push_across", "ahead", "behind", "beside"),
@@ -76,12 +79,12 @@ def pushes(K, d_x, d_y, j_x, j_y):
 
 
 @kernel
-def press_and_shear(p, wheel, n, strength, modulus, tables, per_root, h, block):
+def press_and_shear(p, wheel, n, strength, density, modulus, tables, per_root, h, block):
     """What the first n cells of a block do to the wheel, and the wheel to them.
 
     Args:
         modulus: k of the pressure law [N/m^(n+2)].
-        strength: See ``strength_of``.
+        strength, density: See ``strength_of`` and ``density_of``.
         tables, per_root: Powers of the depth and what pushes leave, see ``wheel_contact``; nodes of the powers per root of depth.
         h: Length of the step [s].
     """
@@ -93,6 +96,13 @@ def press_and_shear(p, wheel, n, strength, modulus, tables, per_root, h, block):
         ahead, across = pushes(K, f_x, f_y, block.j_x[m], block.j_y[m])
         block.push_ahead[m], block.push_across[m] = ahead, forward * across
         block.soft[m] = softened(strength, block.path[m])
+    if density.per_void > 0.0:  # else the same, at no cost
+        for m in range(n):
+            block.friction[m] = friction(density, block.compacted[m], block.sinkage[m])
+            block.firm[m] = bearing_gain(density, block.friction[m])
+    else:
+        for m in range(n):
+            block.friction[m], block.firm[m] = density.tan_phi, 1.0
     for m in range(n):
         ahead, across = block.push_ahead[m], block.push_across[m]
         logs = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead), log_of_push(tables[1], abs(across))
@@ -118,7 +128,7 @@ def press_and_shear(p, wheel, n, strength, modulus, tables, per_root, h, block):
         block.share[m] = 1.0 - exponential(-block.length[m] * (1.0 / K))
     damping, area = damping_of(p, wheel), p.cell * p.cell
     cohesion = p.c * min(damping, 1.0) * area
-    _forces(n, (h_x, h_y, 1.0 / p.r_w, reach, K, math.tan(p.phi), cohesion, area / POINTS, damping, p.c_d), block)
+    _forces(n, (h_x, h_y, 1.0 / p.r_w, reach, K, cohesion, area / POINTS, damping, p.c_d), block)
 
 
 @kernel
@@ -144,7 +154,7 @@ def _pressures(n, k, offset, constants, strength, unloading, block):
         root = math.sqrt(max(square, least))
         z = (block.lift[m] - root) * per_level
         depth, before = block.depth[m], block.before[k, m]
-        positive, dense = block.positive[m], modulus * block.power[m]
+        positive, dense = block.positive[m], modulus * block.power[m] * block.firm[m]
         sin = forward * x * per_r
         share = escape(strength, angle(sin, root * per_r), sin, block.ahead[m], block.behind[m], block.beside[m])
         plastic = yield_pressure(strength, dense, positive, block.fill[m], block.soft[m], share)
@@ -194,14 +204,14 @@ def _velocities(n, v, w, constants, block):
 @kernel
 def _forces(n, constants, block):
     """Pressure and shear of each cell as forces on the wheel."""
-    h_x, h_y, per_r, reach, K, tan_phi, cohesion, area, damping, c_d = constants
+    h_x, h_y, per_r, reach, K, cohesion, area, damping, c_d = constants
     l_x, l_y = -h_y, h_x
     for m in range(n):
         x, z, cos, across, cover = block.x[m], block.z[m], block.cos[m], block.across[m], block.cover[m]
         point = cover * area
         pressed, sin = point * damping, x * per_r
         f_z = pressed * block.total[m]
-        strength = (cohesion * cover + f_z * tan_phi) / cos  # Eq. (8.7)
+        strength = (cohesion * cover + f_z * block.friction[m]) / cos  # Eq. (8.7)
         drag = strength * secant_share(K, block.length[m], block.share[m])
         m_x, m_y = block.m_x[m], block.m_y[m]
         f_t, f_l = -drag * (m_x * h_x + m_y * h_y), -drag * (m_x * l_x + m_y * l_y)

@@ -25,7 +25,8 @@ STAMP = 6  # [1] number of the last step in which a tool pressed on the cell
 SLIP = 7  # [m] path of slip of the tool on the cell, which softens dense soil
 POINT = 8  # [1] sinkage of four points along the heading of the tool that pressed the cell last, over that of the cell
 POINTS = 4
-FIELDS = POINT + POINTS
+COMPACTED = POINT + POINTS  # [m] height that the column below the cell lost by compaction, wherever soil on it went since
+FIELDS = COMPACTED + 1
 
 #: Marks of a tile: 0 is the pool's own; indices, next tile in the chain of its hash, box of cells that may slide [i0, i1] x [j0, j1].
 TILE_I, TILE_J, NEXT, BOX = 1, 2, 3, 4

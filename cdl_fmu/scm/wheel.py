@@ -58,12 +58,14 @@ from .columns import (
     add_force,
     clear,
 )
+from .density import density_of
 from .erosion import repose_of
 from .grousers import dragged_layer, grousers
 from .rim import BLOCK, STEEPEST, attitude, press_and_shear
 from .stress import counted, nodes_per_root, remembered, secant_share, whole
 from .tiles import (
     BASE,
+    COMPACTED,
     FILL,
     POINT,
     POINTS,
@@ -148,6 +150,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
     l_x, l_y, per_level = -h_y, h_x, 1.0 / level
     speed = wheel.v_0[0] * h_x + wheel.v_0[1] * h_y
     strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, contact_length(p, sums[DEPTH]), sums[DEPTH], speed)
+    density = density_of(p)
     sideward = wheel.v_0[0] * l_x + wheel.v_0[1] * l_y
     # Soil beside a wheel that slides is sheared in the passive wedge of the side that pushes it, as deep as it is when it gets below.
     wedge = p.preshear * math.sqrt(flow_value(p.phi)) * abs(sideward) / max(math.hypot(wheel.v_0[0], wheel.v_0[1]), 1e-9)
@@ -179,8 +182,9 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
             block.row[m], block.a[m], block.b[m] = row, a, b
             block.along[m], block.across[m], block.lift[m], block.cover[m] = along, across, across * tilt, cover
             block.surface[m], block.fill[m] = surface, fill
+            sinkage = rows[row, SINKAGE, a, b]
+            block.compacted[m], block.sinkage[m] = rows[row, COMPACTED, a, b], sinkage
             if kept:
-                sinkage = rows[row, SINKAGE, a, b]
                 block.j_x[m], block.j_y[m], block.path[m] = rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b], rows[row, SLIP, a, b]
                 for k in range(POINTS):
                     block.before[k, m] = sinkage * rows[row, POINT + k, a, b]
@@ -196,13 +200,13 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
                     block.before[k, m] = max(floor + slope * ((k + 0.5) * step - 0.5 * cell), 0.0)
             m += 1
             if m == BLOCK:
-                n = _bear(p, wheel, m, n, strength, tables, modulus, h, rows, block, cells, sums)
+                n = _bear(p, wheel, m, n, strength, density, tables, modulus, h, rows, block, cells, sums)
                 m = 0
-    n = _bear(p, wheel, m, n, strength, tables, modulus, h, rows, block, cells, sums)
+    n = _bear(p, wheel, m, n, strength, density, tables, modulus, h, rows, block, cells, sums)
     sums[CELLS] = n
     push_ahead(p, wheel, h, sums)
     if p.n_g > 0.0 and p.h_g > 0.0:
-        grousers(p, wheel, strength, modulus, tables, stamp, rows, grid, corner, sums)
+        grousers(p, wheel, strength, density, modulus, tables, stamp, rows, grid, corner, sums)
     if n > 0:
         _sides(p, wheel, strength, h, rows, grid, corner, sums)
     else:
@@ -210,10 +214,10 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
 
 
 @kernel
-def _bear(p, wheel, n_block, n, strength, tables, modulus, h, rows, block, cells, sums):
+def _bear(p, wheel, n_block, n, strength, density, tables, modulus, h, rows, block, cells, sums):
     """Add the cells of a block to the sums and, after n others, to the list of pressed cells; returns their number then."""
     per_root = nodes_per_root(p, tables[0])
-    press_and_shear(p, wheel, n_block, strength, modulus, tables, per_root, h, block)
+    press_and_shear(p, wheel, n_block, strength, density, modulus, tables, per_root, h, block)
     level, r = attitude(wheel)[0], p.r_w
     layer = dragged_layer(p) * h / p.cell
     speed = math.hypot(wheel.v_0[0], wheel.v_0[1])

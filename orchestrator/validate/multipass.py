@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
+from cdl_fmu.scm.density import densification, density_of
+from cdl_fmu.scm.tiles import COMPACTED
 from cdl_fmu.slave.model import Instance
 
 from ..assemble import assemble
@@ -30,6 +32,8 @@ _WHEELS: dict[str, Point] = {
     cmu.NAME: cmu.point("SCM", cmu.level_at(0.0), _DRIVE),
     "wheel of Table 8.2": {"tier": "SCM", "load_N": ROVER_WHEEL_LOAD, "soil.set": "mss_d", **_DRIVE},
 }
+#: Soils that each wheel is driven through, and what rows add to its name.
+_SOILS: dict[str, Point] = {"": {}, ", compressible": {"scm.compressible": "on"}}
 _AGAINST = "pass after pass"
 _COLUMNS = ("wheel", "pass", "sinkage [mm]", "below the rut's floor [mm]", "rut left [mm]", "drawbar pull [W]", "resistance [W]")
 
@@ -51,27 +55,49 @@ class Pass:
     resistance: float
 
 
+@dataclass(frozen=True)
+class Rut:
+    """What passes measured, and what is known of the soil after them.
+
+    Attributes:
+        passes: Means of each.
+        lost: Volume that is unaccounted for [m3].
+        stray: Volume compacted by what the cells say, less that in total [m3].
+        density: Of the densest column, over that which its grains allow [1].
+    """
+
+    passes: Sequence[Pass]
+    lost: float
+    stray: float
+    density: float
+
+
 def check(bench: Bench) -> Findings:
     """Multipass: a wheel in its own rut"""
     rows, numbers, found = [], [], {}
     for wheel, point in _WHEELS.items():
-        found[wheel], lost = drive(point, _PASSES[bench.quick])
-        load, floor = point["load_N"], 0.0
-        rows += _rows(wheel, found[wheel], load, lost)
-        for k, p in enumerate(found[wheel], 1):
-            depths = (1e3 * depth for depth in (p.sinkage, p.sinkage - floor, p.rut))
-            numbers.append([wheel, str(k), *depths, p.pull / load, p.resistance / load])
-            floor = p.rut
+        load, n = point["load_N"], _PASSES[bench.quick]
+        ruts = {suffix: drive({**point, **soil}, n) for suffix, soil in _SOILS.items()}
+        for suffix, rut in ruts.items():
+            found[wheel + suffix] = [(p.sinkage, p.pull / load) for p in rut.passes]
+            rows += _rows(wheel + suffix, rut, load)
+            if _SOILS[suffix]:
+                rows += _rows_of_density(wheel + suffix, rut, ruts[""], load)
+            floor = 0.0
+            for k, p in enumerate(rut.passes, 1):
+                depths = (1e3 * depth for depth in (p.sinkage, p.sinkage - floor, p.rut))
+                numbers.append([wheel + suffix, str(k), *depths, p.pull / load, p.resistance / load])
+                floor = p.rut
     note = (
         f"Slip {_SLIP:g}; in each pass the wheel is lowered where it was in the first, driven {_TRAVEL:g} m and lifted straight off. "
         f"Means from {_MEASURED[0]:g} to {_MEASURED[1]:g} m; resistance is torque / r_w less drawbar pull. Nothing was measured here: what "
-        "is asked is what wheels on sand have in common."
+        "is asked is what wheels on sand have in common. In compressible soil a wheel pulls more in a rut than beside it (Holm 1969)."
     )
     return Findings(rows, _figure(found), [Table("Each pass", _COLUMNS, numbers)], note)
 
 
-def drive(point: Point, n: int) -> tuple[list[Pass], float]:
-    """Drive through the same rut n times; what each pass measures, and the volume [m3] that is then unaccounted for."""
+def drive(point: Point, n: int) -> Rut:
+    """Drive through the same rut n times."""
     experiment = load_experiment("single_wheel", overrides=point)
     assembly = assemble(experiment)
     soil, z, passes, floor = assembly.instances["scm"], float(assembly.instances["carriage"].p.start.z), [], 0.0
@@ -83,7 +109,10 @@ def drive(point: Point, n: int) -> tuple[list[Pass], float]:
         floor = _floor(soil, 0.0, 0.0)
         sinkage, pull, torque = readings.mean(axis=0).tolist()
         passes.append(Pass(sinkage, _floor(soil, *_MEASURED), pull, torque / float(soil.p.r_w) - pull))
-    return passes, sand.volume_error(soil) * float(soil.p.cell) ** 2
+    p, compacted = soil.p, sand.fields(soil, COMPACTED)
+    density = p.rho * densification.py_func(density_of.py_func(p), compacted.max()) * (1.0 + p.e_min) / p.rho_s
+    area = float(p.cell) ** 2
+    return Rut(passes, sand.volume_error(soil) * area, float(compacted.sum() - soil.x.compacted) * area, float(density))
 
 
 def _carriage(experiment: Experiment, z: float) -> Instance:
@@ -126,32 +155,51 @@ def _floor(soil: Instance, start: float, end: float) -> float:
     return -float(RegularGridInterpolator(axes, surface.z)(np.stack([x, np.zeros_like(x)], axis=1)).mean())
 
 
-def _rows(wheel: str, passes: Sequence[Pass], load: float, lost: float) -> list[Row]:
-    added, (first, second) = np.diff([0.0, *(p.rut for p in passes)]), passes[:2]
+def _rows(wheel: str, rut: Rut, load: float) -> list[Row]:
+    added, (first, second) = np.diff([0.0, *(p.rut for p in rut.passes)]), rut.passes[:2]
     more, resistance, pull = float(np.diff(added).max()), second.resistance - first.resistance, second.pull - first.pull
 
-    def row(quantity: str, error: float, unit: str, bar: tuple[float | None, float | None] | None) -> Row:
-        return limited("SCM", _AGAINST, f"{quantity}, {wheel}", error, unit, bar)
+    def row(quantity: str, error: float, unit: str, bar: tuple[float | None, float | None] | None, against: str = _AGAINST) -> Row:
+        return limited("SCM", against, f"{quantity}, {wheel}", error, unit, bar)
 
     return [
         row("depth that a pass adds to the rut, least", float(added.min()), "m", (0.0, None)),
         row("depth that a pass adds less what the one before added, largest", more, "m", (None, 0.0)),
         row("resistance, second pass less first", resistance / load, "W", (None, 0.0)),
         row("drawbar pull, second pass less first", pull / load, "W", None),
-        limited("SCM", "conservation", f"soil moved and compacted in {len(passes)} passes, sum, {wheel}", lost, "m3", (0.0, 0.0)),
+        row(f"soil moved and compacted in {len(rut.passes)} passes, sum", rut.lost, "m3", (0.0, 0.0), "conservation"),
+        row("soil compacted, sum over cells less total", rut.stray, "m3", (0.0, 0.0), "conservation"),
     ]
 
 
-def _figure(passes: Mapping[str, Sequence[Pass]]) -> Figure:
+def _rows_of_density(wheel: str, rut: Rut, off: Rut, load: float) -> list[Row]:
+    """Of soil that compaction makes denser, beside the same soil without."""
+    first, *later = [p.pull for p in rut.passes]
+    deepened, deepened_off = (r.passes[-1].rut - r.passes[0].rut for r in (rut, off))
+    last = rut.passes[-1].pull - off.passes[-1].pull
+
+    def row(against: str, quantity: str, error: float, unit: str, bar: tuple[float | None, float | None]) -> Row:
+        return limited("SCM", against, f"{quantity}, {wheel}", error, unit, bar)
+
+    return [
+        row("Holm 1969", "drawbar pull, least of later passes less first", (min(later) - first) / load, "W", (0.0, None)),
+        row("without density", "drawbar pull, last pass", last / load, "W", (0.0, None)),
+        row("without density", "depth that later passes add to the rut", deepened - deepened_off, "m", (None, 0.0)),
+        row("grains", "density, densest column over the least void ratio's", rut.density, "1", (None, 1.0)),
+    ]
+
+
+def _figure(found: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
+    """Sinkage [m] and drawbar pull over load, pass after pass."""
     figure = Figure(figsize=(9.0, 3.2), dpi=110, layout="constrained")
     axes = figure.subplots(1, 2)
-    for colour, (wheel, each) in zip(colours(), passes.items()):
-        count, load = range(1, len(each) + 1), _WHEELS[wheel]["load_N"]
-        axes[0].plot(count, [1e3 * p.sinkage for p in each], "-o", color=colour, lw=1.2, ms=4)
-        axes[1].plot(count, [p.pull / load for p in each], "-o", color=colour, lw=1.2, ms=4)
+    for colour, each in zip(colours(), found.values()):
+        count = range(1, len(each) + 1)
+        axes[0].plot(count, [1e3 * sinkage for sinkage, _ in each], "-o", color=colour, lw=1.2, ms=4)
+        axes[1].plot(count, [pull for _, pull in each], "-o", color=colour, lw=1.2, ms=4)
     for ax, label in zip(axes, ("sinkage [mm]", "drawbar pull / load")):
         frame(ax)
         ax.set(xlabel="pass", ylabel=label, xticks=count)
     axes[0].set_ylim(bottom=0.0)
-    legend(figure, list(passes))
+    legend(figure, list(found))
     return figure
