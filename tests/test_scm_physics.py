@@ -8,6 +8,7 @@ from bodies import Bodies, plate
 from soil import ALONG_X, BARE, LOAD, STILL, B, Carriage, R, on_soil, scm, towards
 
 from cdl_fmu import load_soil
+from cdl_fmu.scm.stress import power, tabulate
 from cdl_fmu.terramechanics import flow_value
 from orchestrator.validate import repetitive
 
@@ -303,3 +304,12 @@ def test_the_rims_pressure_surcharges_grouser_faces():
     sigma = LOAD / (B * math.sqrt(2 * R * 0.02 - 0.02**2))
     most = 0.1 * flow_value(load_soil("mss_d")["phi"]) * sigma * 2 * 0.005 * B
     assert 0.1 * most < thrust[0.1] - thrust[0.0] < most
+
+
+@pytest.mark.parametrize("n", [0.3, 1.0, 2.49, 4.0])
+def test_powers_of_the_depth_are_near_enough_and_positive(n):
+    table = np.zeros((2, 257))
+    tabulate(n, 0.25, table)
+    per_root = 256 / math.sqrt(0.25)
+    for depth in np.geomspace(1e-12, 1.0, 200):
+        assert power(table, per_root, n, depth) == pytest.approx(depth**n, rel=1e-3)

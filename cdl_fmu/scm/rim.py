@@ -52,7 +52,7 @@ DTYPE = np.dtype(
 
 #: Share of the radius up to which the rim counts as a lower surface.
 STEEPEST = 0.995
-_SHALLOWEST = 1e-12  # [m] instead of depths below 0, whose pressure does not count
+_SHALLOWEST = 1e-4  # [m] instead of less, and of depths below 0, whose pressure does not count: powers are tabulated there
 _LEAST = 1e-300  # [Pa] instead of no pressure, where one is divided by it
 
 

@@ -11,6 +11,7 @@ from ..terramechanics import bekker_modulus, janosi_displacement, unit_weight
 LONGEST_MEMORY = 5.0
 _FORCE_QUANTUM = 2.0**-30  # [N], [N.m]
 _ROUND = 1.5 * 2.0**52 * _FORCE_QUANTUM
+_EXACT = 4  # intervals of a table of powers in which the cubic may swing below 0: powers are computed there
 
 
 @kernel(inline=True)
@@ -46,7 +47,7 @@ def power(table, per_root, n, depth):
     """depth^n by cubic Hermite interpolation; depth > 0 [m], nodes ``per_root`` [m^-1/2], see ``nodes_per_root``."""
     s = math.sqrt(depth) * per_root
     k = int(s)
-    if k >= table.shape[1] - 1:
+    if k < _EXACT or k >= table.shape[1] - 1:
         return depth**n
     s -= k
     a, b, d_a, d_b = table[0, k], table[0, k + 1], table[1, k], table[1, k + 1]
