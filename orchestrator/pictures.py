@@ -1,4 +1,4 @@
-"""The chapter's pictures of the heterogeneous drive (Figs. 8.4, 8.5, 8.8 to 8.12) from the results of its three runs."""
+"""The chapter's pictures of the heterogeneous drive (Figs. 8.4, 8.5, 8.8 to 8.12) from the results of its runs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def write(runs: Mapping[str, xr.Dataset], out: Path) -> list[Path]:
     A run that ends before its rear wheel is where a picture is taken is shown at its end; titles tell the x that it reached.
 
     Args:
-        runs: Results of the runs ``BxB``, ``SxB`` and ``SxS``, in the order of Fig. 8.12's legend.
+        runs: Results of the runs, ``BxB``, ``SxB`` and ``SxS`` among them, in the order of Fig. 8.12's legend.
         out: Folder, which exists.
 
     Returns:
