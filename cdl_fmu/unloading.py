@@ -12,11 +12,18 @@ UNLOADING = Record(
     unloading_ratio=Real(
         8.0,
         "1",
-        "Stiffness of soil that is unloaded and loaded again over the slope of its law of pressure; used where k_0 and A_u are 0",
+        "Stiffness of soil that is unloaded and loaded again over the slope of its law of pressure, at least 2 / n; used where k_0 and A_u "
+        "are 0",
         min=1.0,
         max=1e6,
     ),
-    k_0=Real(0.0, "Pa/m", "Stiffness of soil that is unloaded and loaded again, at the surface (Wong)", min=0.0, max=1e12),
+    k_0=Real(
+        0.0,
+        "Pa/m",
+        "Stiffness of soil that is unloaded and loaded again, at the surface (Wong); at least the slope of its law of pressure counts",
+        min=0.0,
+        max=1e12,
+    ),
     A_u=Real(0.0, "Pa/m2", "Its increase with the depth to which it was pressed (Wong)", min=0.0, max=1e13),
 )
 
@@ -35,7 +42,7 @@ class Unloading(NamedTuple):
 def unloading_of(p):
     """The law of unloading that a model's parameters give."""
     if p.k_0 + p.A_u > 0.0:
-        return Unloading(p.k_0, p.A_u, 0.0, 1.0, 0.0)
+        return Unloading(p.k_0, p.A_u, 0.0, 1.0, p.n - 1.0)
     ratio = max(p.unloading_ratio * p.n, 2.0)  # soil springs back by 1 / ratio of its depth, half of it at most
     return Unloading(0.0, 0.0, ratio, 1.0 - 1.0 / ratio, p.n - 1.0)
 
@@ -52,7 +59,8 @@ def unloading_stiffness(law, depth, dense, floor):
         floor: Depth of the floor that was pressed before [m].
     """
     if law.ratio == 0.0:
-        k_u = law.k_0 + law.A_u * depth
+        # Soil that is unloaded is not softer than soil that is pressed for the first time.
+        k_u = max(law.k_0 + law.A_u * depth, (1.0 + law.exponent) * dense / depth)
         return k_u + law.A_u * max(0.0, floor + dense / k_u - depth)
     per_depth = 1.0 / depth
     more = min(max(0.0, floor * (1.0 / law.rest) * per_depth - 1.0), 1.0)  # z_u / depth - 1

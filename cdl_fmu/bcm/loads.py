@@ -51,6 +51,11 @@ _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.legg
 _STRIPS, _STRIP_WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(3))
 _N = len(_NODES)
 
+#: Two strips do on a rut, whose walls a patch has blurred.
+_TWO_STRIPS = 1.0 / math.sqrt(3.0)
+#: Places of the rim at which it is looked for where it meets a floor that was pressed before.
+_PROBES = 16
+
 #: Below this sum of camber [rad] and of yaw and roll rate times width [m/s] one strip stands for the whole width.
 _ONE_STRIP = 1e-9
 #: Cosine of the largest entry angle: a deeper wheel is loaded like one in the soil up to here.
@@ -72,11 +77,7 @@ def pressure_at(soil, patch, z, sin, cos, xi):
     sigma = bekker(soil.modulus, z, soil.n)
     if patch is None:
         return sigma, soil.n * sigma / z, sigma
-    x, y, r = soil.x_0, soil.y_0, soil.r
-    forward, down = r * sin, -r * cos
-    inside, floor, yields = pressed_before(
-        patch, x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3]
-    )
+    inside, floor, yields = _pressed_at(soil, patch, sin, cos, xi)
     if not inside:
         return sigma, soil.n * sigma / z, sigma
     tested = tested_depth(soil.unloading, soil.modulus, soil.n, floor, soil.tested)
@@ -85,6 +86,59 @@ def pressure_at(soil, patch, z, sin, cos, xi):
         return 0.0, 0.0, 0.0
     sigma, rise = pressure(unloading_stiffness(soil.unloading, z, sigma, floor), soil.n, z - floor, z, plastic)
     return sigma, rise, plastic
+
+
+@kernel
+def _pressed_at(soil, patch, sin, cos, xi):
+    """``pressed_before`` below a place of the rim."""
+    x, y, forward, down = soil.x_0, soil.y_0, soil.r * sin, -soil.r * cos
+    return pressed_before(patch, x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3])
+
+
+@kernel
+def _bearing_arc(soil, patch, cos_g, cos_1, trail, lead, xi):
+    """Part of the arc from trail to lead [rad] where the rim is below the floor that was pressed before: all quadrature is within it.
+
+    Returns:
+        found (False if none is), where it begins and ends, whether it begins at the trailing end.
+    """
+    found, begins, begin, end = False, False, trail, lead
+    theta, gap = trail, _below_floor(soil, patch, cos_g, cos_1, trail, xi)
+    for k in range(_PROBES + 1):
+        # The lowest point is one of the probes.
+        share = 2.0 * k / _PROBES - 1.0
+        a, gap_a = theta, gap
+        theta = -share * trail if share < 0.0 else share * lead
+        gap = _below_floor(soil, patch, cos_g, cos_1, theta, xi)
+        if gap > 0.0:
+            end = theta
+            if not found:
+                found, begin, begins = True, theta, k == 0
+                if k > 0:
+                    begin = _edge(soil, patch, cos_g, cos_1, theta, gap, a, gap_a, xi)
+        elif gap_a > 0.0:
+            end = _edge(soil, patch, cos_g, cos_1, a, gap_a, theta, gap, xi)
+    return found, begin, end, begins
+
+
+@kernel
+def _below_floor(soil, patch, cos_g, cos_1, theta, xi):
+    """Depth [m] of a place of the rim below the floor."""
+    sin, cos = math.sin(theta), math.cos(theta)
+    return soil.r * cos_g * (cos - cos_1) - _pressed_at(soil, patch, sin, cos, xi)[1]
+
+
+@kernel
+def _edge(soil, patch, cos_g, cos_1, low, gap_low, high, gap_high, xi):
+    """Angle [rad] between one where the rim is below the floor and one where it is above, at which it meets it (false position)."""
+    for _ in range(2):
+        theta = low + (high - low) * gap_low / (gap_low - gap_high)
+        gap = _below_floor(soil, patch, cos_g, cos_1, theta, xi)
+        if gap > 0.0:
+            low, gap_low = theta, gap
+        else:
+            high, gap_high = theta, gap
+    return low + (high - low) * gap_low / (gap_low - gap_high)
 
 
 @kernel
@@ -132,9 +186,9 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
 
     Returns:
         fx, fa, fr [N], mx, ma, mr [N.m], stiffness along the plane's normal [N/m], damping along x, a and the normal [N.s/m],
-        shear force along the rim [N] and the largest one that the soil could bear [N].
+        shear force along the rim [N] and the largest one that the soil could bear [N], largest and least angle of the contact [rad].
     """
-    fx = fa = fr = mx = ma = mr = k_z = d_x = d_y = d_z = thrust = strength = 0.0
+    fx = fa = fr = mx = ma = mr = k_z = d_x = d_y = d_z = thrust = strength = entry = exit_ = 0.0
     front = exit_share(p.eta, -travel, p.V_theta)
     rear = exit_share(p.eta, travel, p.V_theta)
     two_part = p.normal_model == 2.0
@@ -150,10 +204,13 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         left = min(left, (p.r_w * cos_g - d) / sin_g)
     elif sin_g < 0.0:
         right = max(right, (p.r_w * cos_g - d) / sin_g)
-    one_strip = patch is None and abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
-    for j in range(1 if one_strip else len(_STRIPS)):
-        xi = 0.5 * (left + right) + (0.0 if one_strip else 0.5 * (left - right) * _STRIPS[j])
-        width = (left - right) * (1.0 if one_strip else 0.5 * _STRIP_WEIGHTS[j])
+    one_strip = abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
+    for j in range(len(_STRIPS)):
+        if patch is None:
+            place, weight = (0.0, 2.0 if j == 0 else 0.0) if one_strip else (_STRIPS[j], _STRIP_WEIGHTS[j])
+        else:
+            place, weight = (_TWO_STRIPS if j == 0 else -_TWO_STRIPS), (1.0 if j < 2 else 0.0)
+        xi, width = 0.5 * (left + right) + 0.5 * (left - right) * place, 0.5 * (left - right) * weight
         theta_1 = entry_angle(p, d + xi * sin_g, cos_g)
         if width <= 0.0 or theta_1 <= 0.0:
             continue
@@ -167,12 +224,19 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         # Wong & Reece: largest stress at theta_m, ahead of nadir in the direction of travel, at nadir while at rest.
         # Part 0 is behind it, part 1 ahead; Bekker's stress has the second part only.
         lead, trail = (theta_front, theta_rear) if travel >= 0.0 else (theta_rear, theta_front)
+        grows, late, cos_lead = True, 0.0, cos_1
+        if patch is not None:
+            found, trail, lead, grows = _bearing_arc(soil, patch, cos_g, cos_1, trail, lead, xi)
+            if not found:
+                continue
+            late, cos_lead = math.copysign(theta_1, travel) - lead, math.cos(lead)  # soil is sheared from where it is met
+        entry, exit_ = max(entry, lead, trail), min(exit_, lead, trail)
         theta_m = max(0.0, min(0.95, p.c_1 + p.c_2 * slip)) * lead * shaped if two_part else trail
         for part in range(0 if two_part else 1, 2):
             start, end = (trail, theta_m) if part == 0 else (theta_m, lead)
             half = 0.5 * abs(end - start)
             # One node more at the trailing end: how the arc grows with sinkage is part of the stiffness.
-            for k in range(_N + (not two_part)):
+            for k in range(_N + (not two_part and grows)):
                 if k < _N:
                     theta = 0.5 * (start + end) + half * _NODES[k]
                     dA = p.r_w * width * half * _WEIGHTS[k]
@@ -190,11 +254,11 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
                     slope = -(lead - theta_m) / (theta_m - trail)
                     deepening -= math.sin(mirror) * (mirror - slope * theta) / (theta_1 * math.sin(theta_1))
                 z = p.r_w * cos_g * (cos_z - cos_1)
-                V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta)
+                V_j = shear_velocity_scale(p, w_a, travel, theta_1, theta + late)
                 sin_v, cos_v = sin, cos
                 if mapped and abs(lead - theta) > 1e-6:
                     # Mean shear velocity since entry: in steady rolling this is Janosi & Hanamoto's displacement form exactly.
-                    sin_v += shaped * ((cos - cos_1) / (lead - theta) - sin)
+                    sin_v += shaped * ((cos - cos_lead) / (lead - theta) - sin)
                     cos_v += shaped * ((math.sin(lead) - sin) / (lead - theta) - cos)
                 v_t = (v_x - w_r * xi) * cos_v + (v_r + w_x * xi) * sin_v - w_a * r_s
                 v_l = v_a + r_s * (w_r * sin_v + w_x * cos_v)
@@ -233,7 +297,7 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
                     if z > 0.0:
                         k_z += rise * damping * deepening * share * dA
                 k_z += (p_r * cos_g + (p_side + tau_l) * sin_g) * growth
-    return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength
+    return fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength, entry, exit_
 
 
 @kernel
@@ -377,6 +441,8 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, trave
         v_l = v_a + p.r_w * (w_r * sin + w_x * cos)
         xi = 0.5 * p.b_w if v_l > 0.0 else -0.5 * p.b_w
         height = p.r_w * cos - (d + xi * sin_g) / cos_g
+        if patch is not None:  # the wall is as high as the surface beside the wheel is, not as the level from which sinkage counts
+            height -= _pressed_at(soil, patch, sin, cos, math.copysign(abs(xi) + patch.spacing, xi))[1]
         if height <= 0.0:
             continue
         q = p.kappa_q * pressure_at(soil, patch, height, sin, cos, xi)[0]

@@ -21,7 +21,7 @@ from ..contact import (
 from ..frames import cross, dot
 from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
-from ..slave.model import STATUS_SPAN, Event, KernelModel
+from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing
 from ..strength import STRENGTH
@@ -95,7 +95,9 @@ class BCM(KernelModel):
         if n_patches not in (0, n_wheels):
             raise ValueError(f"n_patches = {n_patches}: choose 0 (flat ground) or {n_wheels} (a patch for each wheel)")
         if n_compacted not in (0, n_patches):
-            raise ValueError(f"n_compacted = {n_compacted}: choose 0 (patches of heights) or {n_patches} (patches with compaction)")
+            raise ValueError(
+                f"n_compacted = {n_compacted}: choose 0 or n_patches, which is {n_patches}: all patches carry compaction, or none"
+            )
         super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_compacted=n_compacted)
         sizes = {"p": n_patches, "c": n_compacted}
         self.identifier = f"cdl_bcm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
@@ -110,6 +112,12 @@ class BCM(KernelModel):
 
     def check(self, p) -> None:
         check_bearing(p)
+        if p.slope > p.phi:
+            raise ModelError(
+                f"slope = {p.slope:g} rad: steeper than the soil's friction holds, phi = {p.phi:.4g} rad; use at most {p.phi:.4g} rad"
+            )
+        if self.sizes["n_compacted"] and p.normal_model == 2.0:
+            raise ModelError("normal_model = wong_reece: with compaction the stress is that of the local depth; use bekker")
         check_wheel(p)
 
 
@@ -240,7 +248,7 @@ def _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown):
     toothed = p.n_g > 0.0 and p.h_g > 0.0
     r_tip = p.r_w + p.h_g if toothed else p.r_w
     r_s = loads.shear_radius(p, N_phi)
-    fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength = loads.rim(
+    fx, fa, fr, mx, ma, mr, k_z, d_x, d_y, d_z, thrust, strength, first, last = loads.rim(
         p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, w_r, travel, slip
     )
     if toothed:
@@ -274,16 +282,11 @@ def _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown):
     contact.D[1] = weight * d_y * cos_g * cos_g
     contact.D[2] = weight * max(0.0, d_z)
     contact.in_contact = 1.0 if d < r_tip * cos_g + 0.5 * p.b_w * abs(sin_g) else 0.0
-    anchor_here(wheel, contact)
     theta_1 = loads.entry_angle(p, d, cos_g)
     rear = loads.exit_share(p.eta, abs(travel), p.V_theta)
-    show(
-        wheel,
-        p.ground_z - lowest_point(p, wheel),
-        slip,
-        math.copysign(theta_1, travel),
-        -math.copysign(theta_1 * rear, travel),
-        f,
-        -ma,
-        shown,
-    )
+    entry, exit_ = math.copysign(theta_1, travel), -math.copysign(theta_1 * rear, travel)
+    if patch is not None:  # the plane is above the floor, which is what the wheel touches
+        contact.in_contact = 1.0 if contact.F[2] > 0.0 else 0.0
+        entry, exit_ = (first, last) if travel >= 0.0 else (last, first)
+    anchor_here(wheel, contact)
+    show(wheel, p.ground_z - lowest_point(p, wheel), slip, entry, exit_, f, -ma, shown)

@@ -135,7 +135,9 @@ class SCM(KernelModel):
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0, n_compacted: int = 0):
         if n_compacted not in (0, n_patches):
-            raise ValueError(f"n_compacted = {n_compacted}: choose 0 (patches of heights) or {n_patches} (patches with compaction)")
+            raise ValueError(
+                f"n_compacted = {n_compacted}: choose 0 or n_patches, which is {n_patches}: all patches carry compaction, or none"
+            )
         super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies, n_compacted=n_compacted)
         sizes = {"p": n_patches, "b": n_bodies, "c": n_compacted}
         self.identifier = f"cdl_scm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
