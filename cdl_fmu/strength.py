@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from .contact import SLIP_FLOOR
 from .slave.kernel import kernel
-from .slave.records import Real, Record
+from .slave.records import Choice, Real, Record
 from .terramechanics import flow_value, unit_weight
 
 #: Constants of the law. All were chosen on the CMU tests of a smooth wheel (see validation/), within what the theory says.
@@ -30,6 +30,15 @@ STRENGTH = Record(
     fan=Real(0.6, "1", "Share of the loss of strength by a tilted base that counts: the rest escapes to the sides", min=0.0, max=1.0),
     behind=Real(0.43, "1", "Share of the loss of strength by push that counts towards the rut behind", min=0.0, max=1.0),
 )
+
+
+#: Which strength soil has that is sheared, pushed along or heaped up.
+STRENGTHS = Choice(
+    "Strength of soil that is sheared, pushed along or heaped up",
+    plates="what plates measured, everywhere",
+    critical_state="falls from what plates measured to its critical state: slip sinkage",
+)
+CRITICAL_STATE = STRENGTHS.value("critical_state")
 
 
 class Strength(NamedTuple):

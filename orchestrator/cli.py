@@ -138,7 +138,7 @@ def compare(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Run an experiment with BCM, with SCM in front and with SCM, and measure what the chapter's section 8.5 says of them."""
+    """Run an experiment with BCM, with SCM in front, that with compaction, and with SCM; measure what the chapter's section 8.5 says."""
     require_platform()
     from .compare import compare as compare_runs
     from .terminal import follow, output, table

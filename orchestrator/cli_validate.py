@@ -29,7 +29,7 @@ def validate(
 ) -> None:
     """Compute what was measured or is known in closed form; leaves a table (README.md), figures and results.json in a folder.
 
-    A bar that is missed is no failure of the command: the table says so.
+    A bar that is missed is no failure of the command, the table says so; a run that fails is (exit 2).
     """
     require_platform()
     from .terminal import follow, output, table
@@ -52,3 +52,5 @@ def validate(
         print(*(report.out / name for name in (TABLE, RESULTS)), *report.pictures.values(), sep="\n")
     for text in report.failed:
         say(f"error: {text}")
+    if report.failed:
+        raise typer.Exit(2)

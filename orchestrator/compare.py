@@ -28,8 +28,12 @@ _BEYOND = {"SxB+": (("SCM", "BCM"), {"bcm.compaction": True})}
 #: The run that the others are measured against.
 REFERENCE = "SxS"
 
-#: Run -> tiers and own settings, in the order in which they are run and shown: the reference last.
-DRIVES = {run: (tiers, {}) for run, tiers in RUNS.items() if run != REFERENCE} | _BEYOND | {REFERENCE: (RUNS[REFERENCE], {})}
+#: Run -> tiers and own settings, in the order in which they are run and shown, the reference last. The chapter's wheels feel heights alone.
+DRIVES = (
+    {run: (tiers, {"bcm.compaction": False}) for run, tiers in RUNS.items() if run != REFERENCE}
+    | _BEYOND
+    | {REFERENCE: (RUNS[REFERENCE], {})}
+)
 
 #: Table 8.3's variables, and the distance of a wheel's path from the reference's.
 _FORCES_AND_PLACES = ("front.F_x", "rear.F_x", "front.F_y", "rear.F_y", "front.z", "rear.z", "front.y", "rear.y")
@@ -161,7 +165,7 @@ def compare(
         watch: Called with each run's name; a context that receives what :func:`orchestrator.simulate` reports.
 
     Raises:
-        RunError: the experiment is a finished system, or has no front and rear wheel.
+        RunError: the experiment is a finished system, or has no front and rear wheel, or what tells the runs apart is set.
         ExperimentError, SlaveError: see :func:`orchestrator.simulate`.
         KeyboardInterrupt: a run was interrupted; the results up to there are kept.
     """
@@ -175,6 +179,8 @@ def compare(
     if not set(WHEELS) <= set(wheels := wheels_in(experiment)):
         has = f"wheel{'s' if len(wheels) > 1 else ''} {', '.join(wheels)}"
         raise RunError(f"{experiment.stem} has the {has}: a comparison needs a front and a rear wheel, as two_wheel has them")
+    if "bcm.compaction" in (overrides or {}):
+        raise RunError("--set bcm.compaction: a comparison runs both, SxB without and SxB+ with it; leave it out")
     out = Path("results", f"compare_{experiment.stem}") if out is None else Path(out)
     claims = load_claims(CLAIMS)
     outcomes, results, courses = {}, {}, {}

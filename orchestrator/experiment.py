@@ -15,11 +15,13 @@ from cdl_fmu.slave.interface import ENVIRONMENT
 from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
 from cdl_fmu.slave.records import Choice, Real, Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
+from cdl_fmu.unloading import UNLOADING
 from cdl_fmu.wheel import WHEEL
 from fmus import EXPERIMENTS, TIERS, contacts
 
 from . import soil_range
 from .assemble import assemble
+from .keys import flat, joined, within
 from .rigs import TESTBED, Rig, rig_of
 from .schemes import SCHEMES
 
@@ -84,7 +86,7 @@ def swept_keys(
     *_, tables, options, rig = _read(source, tiers, soil, overrides or {})
     if rig is not TESTBED:
         return {}
-    lists = {key: value for key, value in _flat(tables) if isinstance(value, list) and _takes_one(key, rig)}
+    lists = {key: value for key, value in flat(tables) if isinstance(value, list) and _takes_one(key, rig)}
     for key, values in lists.items():
         if not values or any(value in values[:i] for i, value in enumerate(values)):
             what = "a value is given twice" if values else "there is no value"
@@ -211,7 +213,7 @@ class Experiment:
     @property
     def warnings(self) -> list[str]:
         """What the user should know of values that are all allowed."""
-        return [*self._idle_options(), *self._width_outside(), *self._gravity_outside()]
+        return [*self._idle_options(), *self._laws_apart(), *self._width_outside(), *self._gravity_outside()]
 
     @property
     def start_is_given(self) -> bool:
@@ -244,6 +246,13 @@ class Experiment:
             if (section := key.partition(".")[0]) in idle
         ]
 
+    def _laws_apart(self) -> list[str]:
+        if not self._compaction or not {"bcm", "scm"} <= set(self._models):
+            return []
+        scm, bcm = self._values["scm"], self._values["bcm"]
+        unloading = {name: (f.unit, scm.get(name, f.start), bcm.get(name, f.start)) for name, f in UNLOADING.fields.items()}
+        return [f"{self._file}: {text}" for text in soil_range.laws_apart(unloading, scm_scales=self._scm_scales())]
+
     def _structure(self, tables: Mapping) -> tuple[dict, bool]:
         """Tables without what decides which models are taken, ``bcm.compaction``, and that."""
         wanted = (section := tables.get("bcm", {})).get("compaction", False)
@@ -258,10 +267,13 @@ class Experiment:
 
     def _gravity_outside(self) -> list[str]:
         gravity = self._values["environment"].get("gravity", ENVIRONMENT.fields["gravity"].start)
-        law = TIERS["SCM"].parameters.fields["pressure_model"]
-        scales = self._values["scm"].get("pressure_model") == law.value("reece")
-        found = soil_range.gravity_outside(gravity, self._plates_gravity, on_bcm="bcm" in self._models, scm_scales=scales)
+        on_bcm = "bcm" in self._models
+        found = soil_range.gravity_outside(gravity, self._plates_gravity, on_bcm=on_bcm, scm_scales=self._scm_scales())
         return [f"{self._place('environment', 'gravity')}: {text}" for text in found]
+
+    def _scm_scales(self) -> bool:
+        """Whether SCM's pressure grows with gravity, by Reece's law."""
+        return self._values["scm"].get("pressure_model") == TIERS["SCM"].parameters.fields["pressure_model"].value("reece")
 
     def _tiers(self, tables: Mapping) -> dict[str, str]:
         section = next(iter(self.rig.tiers.values())).rpartition(".")[0]
@@ -296,7 +308,7 @@ class Experiment:
     def _section(self, section: str, record: Record, files: Mapping[str, str], table: Mapping) -> dict[str, float | str]:
         values: dict[str, float | str] = {}
         scalars = record.scalars()
-        for key, value in _flat(table):
+        for key, value in flat(table):
             if key in files:
                 values[key] = self._path(section, key, value, files[key])
                 continue
@@ -306,12 +318,12 @@ class Experiment:
             each = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * len(array)
             if len(each) != len(array):
                 number = f"{len(array)} values" if len(array) > 1 else "one value"
-                raise ExperimentError(f"{self._place(section, key)}: {_joined(section, key)} needs {number}, not {len(each)}")
+                raise ExperimentError(f"{self._place(section, key)}: {joined(section, key)} needs {number}, not {len(each)}")
             try:
                 for scalar, one in zip(array, each):
                     values[scalar.name] = self._checked(scalar, one)
             except ModelError as error:
-                raise ExperimentError(f"{self._place(section, key)}: {_joined(section, str(error))}") from None
+                raise ExperimentError(f"{self._place(section, key)}: {joined(section, str(error))}") from None
         return values
 
     def _path(self, section: str, key: str, value, description: str) -> str:
@@ -339,22 +351,22 @@ class Experiment:
             if key not in known:
                 near = difflib.get_close_matches(key, known, 1)
                 remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(sorted(known))}"
-                raise ExperimentError(f"{self._place(section, key)}: {_joined(section, key)} is unknown; {remedy}")
+                raise ExperimentError(f"{self._place(section, key)}: {joined(section, key)} is unknown; {remedy}")
 
     def _place(self, section: str, key: str) -> str:
         """The command line's option that set a key, or its file and line; of a whole section without a key."""
-        path = _joined(section, key)
+        path = joined(section, key)
         for given, option in self._options.items():
-            if _within(given, path) or _within(path, given):
+            if within(given, path) or within(path, given):
                 return option
         current = ""
         for number, line in enumerate(self.text.splitlines(), 1):
             if header := re.match(r"\s*\[([^\]]+)\]", line):
                 current = header[1]
-                found = _within(current, path)
+                found = within(current, path)
             elif assigned := re.match(r"\s*([\w.\"]+)\s*=", line):
                 given = f"{current}.{assigned[1]}".lstrip(".")
-                found = _within(given, path) or _within(path, given)  # the latter in an inline table
+                found = within(given, path) or within(path, given)  # the latter in an inline table
             else:
                 continue
             if found:
@@ -381,19 +393,3 @@ def _takes_one(key: str, rig: Rig) -> bool:
     models, (section, _, name) = _models(rig), key.partition(".")
     record = _sections(rig, models).get(section, Record())
     return name in {s.name for s in record.scalars()} or (section in models and name in models[section].files)
-
-
-def _joined(section: str, key: str) -> str:
-    return ".".join(filter(None, (section, key)))
-
-
-def _within(path: str, outer: str) -> bool:
-    return f"{path}.".startswith(f"{outer}.")
-
-
-def _flat(table: Mapping, prefix: str = ""):
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value

@@ -1,6 +1,8 @@
-"""What a soil's plate tests are not good for: wheels and gravity for which a run is warned of."""
+"""What a run is warned of: wheels and gravity that a soil's plate tests are not good for, and tiers that see the soil differently."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 _SAME_GRAVITY = 0.01  # share by which gravity may differ from the tests'
 
@@ -33,3 +35,20 @@ def gravity_outside(gravity: float, tested: float | None, *, on_bcm: bool, scm_s
         f"{tiers}scm.pressure_model=reece (k_c_1, k_phi_1), whose pressure grows with gravity, or a soil tested at that gravity, with "
         "[gravity] in its file"
     ]
+
+
+def laws_apart(unloading: Mapping[str, tuple[str, float, float]], *, scm_scales: bool) -> list[str]:
+    """Warnings of laws by which SCM presses soil, and BCM bears on it by others.
+
+    Args:
+        unloading: Parameter of how soil is unloaded -> its unit, SCM's and BCM's value.
+        scm_scales: Whether SCM's pressure is Reece's.
+    """
+    found = [
+        f"bcm.{name} = {there:g} {unit}, but scm.{name} = {here:g} {unit}: with compaction both tiers press one soil; set both alike"
+        for name, (unit, here, there) in unloading.items()
+        if here != there
+    ]
+    if scm_scales:
+        found.append("scm.pressure_model = reece: with compaction wheels on BCM bear by Bekker's law on soil that was pressed by Reece's")
+    return found

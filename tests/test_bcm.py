@@ -9,6 +9,7 @@ from scipy.special import beta
 
 from cdl_fmu import BCM, Instance, load_soil, unloading
 from cdl_fmu.bcm import loads
+from cdl_fmu.bcm.soil import Soil
 from cdl_fmu.frames import axis_rotation
 
 SOIL = load_soil("mss_d")
@@ -42,7 +43,7 @@ def random_pose(rng):
 def test_rim_loads_of_the_reference_vector():
     """Values computed independently with a converged quadrature; rim alone, without side faces."""
     p = bcm(**BARE, eta=0.3, V_theta=0.01, V_j=0.01).arrays[0][0]
-    soil = loads.Soil(K_EQ, SOIL["n"], unloading.unloading_of(p), 0.0, R, (0.0,) * 4, (0.0,) * 4)
+    soil = Soil(K_EQ, SOIL["n"], unloading.unloading_of(p), 0.0, R, (0.0,) * 4, (0.0,) * 4)
     out = loads.rim(p, soil, None, math.tan(SOIL["phi"]), R, R - 0.0288, 0.0, 1.0, 0.1, 0.01, 0.0, 0.0, 1.0, 0.0, 0.125, 0.2)
     fx, fa, fr, _, ma = out[:5]
     assert (fx, fa, fr, -ma) == pytest.approx((150.66545, -66.35109, 280.82908, 22.31559), rel=1e-5)

@@ -6,6 +6,7 @@ import pytest
 from cdl_fmu import BCM, Instance, load_soil, unloading
 from cdl_fmu.frames import axis_rotation
 from cdl_fmu.slave.interface import TESTED
+from cdl_fmu.slave.model import ModelError
 
 SOIL = load_soil("mss_d")
 R, SPACING = 0.125, 0.03
@@ -132,23 +133,57 @@ def test_untouched_soil_with_compaction_is_as_without():
     for _ in range(20):
         T, v, w = random_motion(rng)
         pose = ((0.01, -0.01, 0.01 + R - rng.uniform(0.005, 0.03)), T, v, w)
-        set_pose(plain, *pose), set_pose(pressed, *pose)
-        assert pressed.block[pressed.slices["y"]] == pytest.approx(plain.block[plain.slices["y"]], rel=1e-3, abs=1e-3)
+        expected, found = set_pose(plain, *pose), set_pose(pressed, *pose)
+        load = np.linalg.norm(expected.f_0)
+        assert found.f_0 == pytest.approx(expected.f_0, abs=2e-3 * load)
+        assert found.t_0 == pytest.approx(expected.t_0, abs=5e-3 * load * R)
+
+
+def load_on_floor(instance, floor, below) -> float:
+    """Load [N] of a wheel whose lowest point is ``below`` a floor, both in m, by a fine integral of the law over the rim."""
+    p, law = instance.p, unloading.unloading_of(instance.p)
+    modulus, n = SOIL["k_c"] / p.b_w + SOIL["k_phi"], float(p.n)
+    theta = np.linspace(-0.4, 0.4, 4001)
+    z = floor + below - R * (1 - np.cos(theta))
+    theta, z = theta[z > floor], z[z > floor]
+    dense = modulus * z**n
+    k_u = np.array([unloading.unloading_stiffness(law, *values, floor) for values in zip(z, dense)])
+    return float(np.trapezoid(np.minimum(k_u * (z - floor), dense) * np.cos(theta) * R * p.b_w, theta))
 
 
 def test_a_wheel_on_a_rut_does_not_sink_twice():
-    """On the floor of a rut of 25 mm the soil bears what it bore, and a wheel rests a few mm below the floor in place of 25 mm."""
-    smooth = dict(n_g=0, c_d=0.0)
-    at_first = set_pose(on_patch(lambda x, y: 0 * x * y, **smooth), (0, 0, R - 0.027), *STRAIGHT)
-    plain = set_pose(on_patch(lambda x, y: -0.025 + 0 * x * y, **smooth), (0, 0, R - 0.027), *STRAIGHT)
-    rut = on_pressed_soil(-0.025, 0.025, **smooth)
-    loads = [set_pose(rut, (0, 0, R - depth), *STRAIGHT).f_0[2] for depth in (0.0249, 0.027, 0.030)]
-    assert loads[0] == 0.0 and plain.f_0[2] < 0.05 * at_first.f_0[2]
-    assert 0.3 * at_first.f_0[2] < loads[1] < at_first.f_0[2] < loads[2]
-    # Soil that was pressed to 40 mm is elastic here; k_u is the slope of its pressure.
-    deep = on_pressed_soil(-0.040, 0.040, **smooth)
-    first, second = (set_pose(deep, (0, 0, R - depth), *STRAIGHT).f_0[2] for depth in (0.041, 0.042))
-    assert (second - first) / 1e-3 == pytest.approx(deep.y.contact[0].K[2], rel=0.35)
+    """On the floor of a rut of 25 mm the soil bears at once, elastically and then as much as it bore; above it the wheel is free."""
+    smooth, floor = dict(n_g=0, c_d=0.0), 0.025
+    still = np.eye(3), np.zeros(3), np.zeros(3)
+    assert set_pose(on_patch(lambda x, y: -floor + 0 * x * y, **smooth), (0, 0, R - 0.027), *still).f_0[2] < 10.0
+    rut = on_pressed_soil(-floor, floor, **smooth)
+    assert set_pose(rut, (0, 0, R - floor + 1e-4), *still).f_0[2] == 0.0 == rut.y.contact[0].in_contact
+    for below in (3e-4, 1e-3, 2e-3, 3e-3, 5e-3):
+        deeper = set_pose(rut, (0, 0, R - floor - below - 1e-5), *still).f_0[2]
+        load = set_pose(rut, (0, 0, R - floor - below), *still).f_0[2]
+        assert load == pytest.approx(load_on_floor(rut, floor, below), rel=0.015)
+        assert rut.y.contact[0].K[2] == pytest.approx((deeper - load) / 1e-5, rel=0.2)
+        assert rut.y.diagnostics[0].theta_entry == pytest.approx(np.arccos(1 - below / R), rel=1e-3)
+
+
+def test_a_rut_without_friction_pushes_nobody():
+    rut = on_pressed_soil(-0.025, 0.025, n_g=0, c_d=0.0, phi=0.0, c=0.0, eta=1.0, rho=0.0)
+    for below in (1e-3, 2e-3, 5e-3):
+        wrench = set_pose(rut, (0, 0, R - 0.025 - below), *STRAIGHT)
+        assert abs(wrench.f_0[0]) < 1e-3 * wrench.f_0[2]
+
+
+def test_a_pressed_plain_has_no_walls():
+    sideways = np.eye(3), np.array((0.0, 0.05, 0.0)), np.zeros(3)
+    wide, narrow = (on_pressed_soil(-0.025, 0.025, n_g=0, c_d=0.0, phi=0.0, c=0.0) for _ in range(2))
+    narrow.u.patch[0].sinkage[:, [0, 1, -2, -1]] = 0.0  # a rut: the soil beside it was not pressed
+    plain, rut = (-set_pose(instance, (0, 0, R - 0.026), *sideways).f_0[1] for instance in (wide, narrow))
+    assert 0.0 <= plain < 0.05 * rut
+
+
+def test_a_wheel_on_stress_of_two_parts_does_not_feel_compaction():
+    with pytest.raises(ModelError, match="normal_model = wong_reece: with compaction the stress is that of the local depth; use bekker"):
+        on_pressed_soil(0.0, 0.0, normal_model="wong_reece")
 
 
 def test_weak_soil_bears_the_share_that_its_yield_pressure_says():

@@ -64,7 +64,7 @@ def cdl(*arguments):
 def test_drives_that_differ_in_their_tiers_and_in_what_wheels_feel(tmp_path, stage):
     compare("two_wheel", tmp_path, overrides={"soil.phi": 0.6}, stop_time=9.0)
     tiers = {"BxB": ("BCM", "BCM"), "SxB": ("SCM", "BCM"), "SxB+": ("SCM", "BCM"), "SxS": ("SCM", "SCM")}
-    own = {"SxB+": {"bcm.compaction": True}}
+    own = {"BxB": {"bcm.compaction": False}, "SxB": {"bcm.compaction": False}, "SxB+": {"bcm.compaction": True}}
     options = {run: {"soil": None, "overrides": {"soil.phi": 0.6} | own.get(run, {}), "stop_time": 9.0} for run in tiers}
     assert stage.asked == [("two_wheel", run, tiers[run], options[run]) for run in tiers]
 
@@ -73,7 +73,7 @@ def test_values_of_a_tier_go_to_the_drives_that_have_it(tmp_path, stage):
     compare("two_wheel", tmp_path, overrides={"scm.cell": 0.02, "bcm.eta": 0.3, "soil.phi": 0.6})
     given = [set(options["overrides"]) for *_, options in stage.asked]
     mixed = {"scm.cell", "bcm.eta", "soil.phi"}
-    assert given == [{"bcm.eta", "soil.phi"}, mixed, mixed | {"bcm.compaction"}, {"scm.cell", "soil.phi"}]
+    assert given == [{"bcm.eta", "soil.phi", "bcm.compaction"}, *[mixed | {"bcm.compaction"}] * 2, {"scm.cell", "soil.phi"}]
 
 
 def test_facts_are_numbers_by_run_and_signal(tmp_path, stage):
@@ -147,6 +147,8 @@ def test_what_cannot_be_compared_is_refused(tmp_path, stage):
     text = "single_wheel has the wheel wheel: a comparison needs a front and a rear wheel, as two_wheel has them"
     with pytest.raises(RunError, match=text):
         compare("single_wheel", tmp_path)
+    with pytest.raises(RunError, match=r"--set bcm.compaction: a comparison runs both, SxB without and SxB\+ with it; leave it out"):
+        compare("two_wheel", tmp_path, overrides={"bcm.compaction": True})
     assert not stage.asked
     stage.drives["BxB"] |= {"names": ("left", "right")}
     with pytest.raises(ResultError, match="the result has the wheels left, right: a comparison needs a front and a rear one"):

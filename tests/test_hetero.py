@@ -74,6 +74,14 @@ def test_patches_carry_what_pressed_the_soil_where_that_is_wanted():
     idle = load_experiment("two_wheel", tiers=("BCM", "BCM"), overrides={"bcm.compaction": True})
     text = "--set bcm.compaction: bcm.compaction has no effect: no wheel on SCM presses the soil that wheels on BCM stand on"
     assert idle.warnings == [text]
+    apart = load_experiment(
+        "two_wheel", tiers=("SCM", "BCM"), overrides={"bcm.compaction": True, "bcm.k_0": 1e6, "scm.pressure_model": "reece"}
+    )
+    assert apart.warnings == [
+        "two_wheel.toml: bcm.k_0 = 1e+06 Pa/m, but scm.k_0 = 0 Pa/m: with compaction both tiers press one soil; set both alike",
+        "two_wheel.toml: scm.pressure_model = reece: with compaction wheels on BCM bear by Bekker's law on soil that was pressed by "
+        "Reece's",
+    ]
     with pytest.raises(ExperimentError, match=r"--set bcm.compaction: bcm.compaction = 2: use true \(.*\) or false"):
         load_experiment("two_wheel", overrides={"bcm.compaction": 2})
 

@@ -21,6 +21,7 @@ OFF_MAP = r"wheel 1, at \([-\d.]+, [-\d.]+\) m, leaves the map: keep it, .* with
         (dict(repose=1.6), r"repose = 1.6 rad: it must be at most 1.55 rad \(Angle of repose, below 90 deg; 0 = phi"),
         (dict(plasticity=1.1), r"plasticity = 1.1: it must be at most 1 "),
         (dict(unloading_ratio=0), r"unloading_ratio = 0: it must be at least 1 "),
+        (dict(rho=1.6), r"rho = 1.6 kg/m3: lighter than any soil; use at least 100 kg/m3 \(1 g/cm3 is 1000 kg/m3\), or 0"),
         (dict(layer_depth=0), r"layer_depth = 0 m: it must be at least 0.001 m"),
         (dict(max_tiles=0), r"max_tiles = 0: it must be at least 1 "),
         (dict(n_g=2.5), r"n_g = 2.5: the number of grousers must be whole"),
@@ -147,3 +148,9 @@ def test_a_wheel_that_is_off_is_not_looked_at():
     carriage.instance.u.wheel[0].active = 0.0
     carriage.move(0.01)
     assert not carriage.reading()[:6].any()
+
+
+def test_a_patch_that_is_shorter_than_the_contact():
+    text = r"patch_spacing = 0.01 m: a patch of 13 x 9 nodes does not reach .* r_w = 0.125 m; use at least 0.0268 m"
+    with pytest.raises(ModelError, match=text):
+        Instance(SCM(1, 1), "scm", patch_spacing=0.01).initialise()

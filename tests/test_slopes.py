@@ -196,6 +196,9 @@ def test_a_slope_above_the_angle_of_repose_is_refused():
     with pytest.raises(ExperimentError, match=r"--set environment.slope: environment.slope = 0.65 rad: steeper than"):
         load_experiment("two_wheel", tiers=["SCM", "BCM"], overrides={"environment.slope": 0.65}).instances()
     scm(slope=0.65, repose=0.66)
+    text = r"slope = 0.65 rad: steeper than the soil's friction holds, phi = 0.6405 rad; use at most 0.6405 rad"
+    with pytest.raises(ExperimentError, match=text):
+        load_experiment("two_wheel", overrides={"environment.slope": 0.65}).instances()
     with pytest.raises(ExperimentError, match=r"environment.slope = -0.1 rad: it must be at least 0 rad"):
         load_experiment("two_wheel", overrides={"environment.slope": -0.1})
     with pytest.raises(ExperimentError, match=r"environment.uphill = 90 rad: it must be at most 6.28319 rad"):

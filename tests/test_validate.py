@@ -66,7 +66,8 @@ def as_measured(point, sinkage=1.0, pull=0.0):
 def test_a_row_is_judged_by_its_bar(error, bar, passed, text):
     row = Row("SCM", "tests", "sinkage", error=error, error_unit="share", bar=bar)
     assert row.passed is passed and row.facts()["passed"] is passed
-    assert row.cells()[-2:] == [text, {True: "pass", False: "miss", None: ""}[passed]]
+    verdict = {True: "pass", False: "miss", None: ""}[passed] if error is None or math.isfinite(error) else "not run"
+    assert row.cells()[-2:] == [text, verdict]
 
 
 def test_a_bar_may_ask_for_a_stationary_run():
@@ -86,7 +87,7 @@ def test_cells_are_in_the_units_of_tables():
     assert cells[0] == ["SCM", "tests", "sinkage", "20 mm", "19 mm", "-5 %", "within 15 %", "pass"]
     assert cells[1][3:] == ["-0.5 W", "-0.42 W", "0.08 W", "within 0.07 W", "miss"]
     assert cells[2][5:] == ["1 deg", "within 2 deg", "pass"]
-    assert cells[3][4:] == ["none", "none", "within 15 %", "miss"]
+    assert cells[3][4:] == ["none", "none", "within 15 %", "not run"]
     assert rms([3.0, -4.0]) == pytest.approx(math.sqrt(12.5))
 
 
@@ -328,9 +329,9 @@ def test_a_report_has_table_figures_and_the_same_as_json(tmp_path, registry):
     assert said == ["made_up: A made-up check", "broken: A check with a bug"]
 
 
-def test_the_command_prints_the_table_and_a_miss_is_no_failure(tmp_path, registry):
+def test_the_command_prints_the_table_and_fails_where_a_run_did(tmp_path, registry):
     done = cdl("validate", "--out", tmp_path)
-    assert done.exit_code == 0 and done.stderr.splitlines()[-1] == "error: broken: ZeroDivisionError: no wheel"
+    assert done.exit_code == 2 and done.stderr.splitlines()[-1] == "error: broken: ZeroDivisionError: no wheel"
     assert re.search(r"sinkage +20 mm +30 mm \(!\) +50 % +within 15 % +miss", done.stdout)
     lines = done.stdout.splitlines()
     assert lines[-4:] == [

@@ -12,16 +12,13 @@ and a wheel beside the middle of a rut is pushed back.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..contact import SLIP_FLOOR
 from ..slave.kernel import kernel
-from ..strength import escape, left_by_push, log_of_friction, softened, strength_of, yield_pressure
-from ..terrain.patch import pressed_before
+from ..strength import CRITICAL_STATE, escape, left_by_push, log_of_friction, softened, strength_of, yield_pressure
 from ..terramechanics import (
-    bekker,
     exit_share,
     flow_value,
     janosi_velocity,
@@ -31,114 +28,22 @@ from ..terramechanics import (
     unit_weight,
     wong_reece_mirror,
 )
-from ..unloading import Unloading, pressure, tested_depth, unloading_stiffness
-
-
-class Soil(NamedTuple):
-    """The soil below a wheel."""
-
-    modulus: float  # k of Bekker's law [N/m^(n+2)]
-    n: float  # its exponent
-    unloading: Unloading
-    tested: float  # least depth that the yield pressure of a patch is of [m]
-    r: float  # radius [m]
-    x_0: tuple  # world x [m] of the wheel's centre, and of its axes x, a and r
-    y_0: tuple  # the same of y
-
+from .soil import bearing_arc, pressed_at, pressure_at
 
 #: Gauss-Legendre over theta and across the width: 1e-6 of the load with smooth shear, 1e-5 where the rim's slip changes its sign.
 _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(10))
 _STRIPS, _STRIP_WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(3))
 _N = len(_NODES)
 
-#: Two strips do on a rut, whose walls a patch has blurred.
-_TWO_STRIPS = 1.0 / math.sqrt(3.0)
-#: Places of the rim at which it is looked for where it meets a floor that was pressed before.
-_PROBES = 16
 
-#: Below this sum of camber [rad] and of yaw and roll rate times width [m/s] one strip stands for the whole width.
-_ONE_STRIP = 1e-9
+#: Below this sum of camber [rad] and of yaw and roll rate times width [m/s] all strips move alike: one stands for the whole width.
+_ALIKE = 1e-9
+#: On a rut, whose walls a patch has blurred, two do.
+_TWO_STRIPS = 1.0 / math.sqrt(3.0)
 #: Cosine of the largest entry angle: a deeper wheel is loaded like one in the soil up to here.
 _DEEPEST = -0.98
 #: Least mapped V_j [m/s]: keeps the friction of a wheel at rest finite.
 _LEAST_V_J = 1e-3
-
-
-@kernel
-def pressure_at(soil, patch, z, sin, cos, xi):
-    """Pressure [Pa] and its slope [Pa/m] that the soil bears at a depth z [m] below its level, 0 above it, and its pressure if it yields.
-
-    Args:
-        patch: What pressed the soil before, None where nothing did: then it bears Bekker's pressure.
-        sin, cos, xi: Where on the rim: of the angle from nadir, and place along the axle [m].
-    """
-    if z <= 0.0:
-        return 0.0, 0.0, 0.0
-    sigma = bekker(soil.modulus, z, soil.n)
-    if patch is None:
-        return sigma, soil.n * sigma / z, sigma
-    inside, floor, yields = _pressed_at(soil, patch, sin, cos, xi)
-    if not inside:
-        return sigma, soil.n * sigma / z, sigma
-    tested = tested_depth(soil.unloading, soil.modulus, soil.n, floor, soil.tested)
-    plastic = sigma * min(yields / bekker(soil.modulus, tested, soil.n), 1.0)
-    if z <= floor:
-        return 0.0, 0.0, 0.0
-    sigma, rise = pressure(unloading_stiffness(soil.unloading, z, sigma, floor), soil.n, z - floor, z, plastic)
-    return sigma, rise, plastic
-
-
-@kernel
-def _pressed_at(soil, patch, sin, cos, xi):
-    """``pressed_before`` below a place of the rim."""
-    x, y, forward, down = soil.x_0, soil.y_0, soil.r * sin, -soil.r * cos
-    return pressed_before(patch, x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3])
-
-
-@kernel
-def _bearing_arc(soil, patch, cos_g, cos_1, trail, lead, xi):
-    """Part of the arc from trail to lead [rad] where the rim is below the floor that was pressed before: all quadrature is within it.
-
-    Returns:
-        found (False if none is), where it begins and ends, whether it begins at the trailing end.
-    """
-    found, begins, begin, end = False, False, trail, lead
-    theta, gap = trail, _below_floor(soil, patch, cos_g, cos_1, trail, xi)
-    for k in range(_PROBES + 1):
-        # The lowest point is one of the probes.
-        share = 2.0 * k / _PROBES - 1.0
-        a, gap_a = theta, gap
-        theta = -share * trail if share < 0.0 else share * lead
-        gap = _below_floor(soil, patch, cos_g, cos_1, theta, xi)
-        if gap > 0.0:
-            end = theta
-            if not found:
-                found, begin, begins = True, theta, k == 0
-                if k > 0:
-                    begin = _edge(soil, patch, cos_g, cos_1, theta, gap, a, gap_a, xi)
-        elif gap_a > 0.0:
-            end = _edge(soil, patch, cos_g, cos_1, a, gap_a, theta, gap, xi)
-    return found, begin, end, begins
-
-
-@kernel
-def _below_floor(soil, patch, cos_g, cos_1, theta, xi):
-    """Depth [m] of a place of the rim below the floor."""
-    sin, cos = math.sin(theta), math.cos(theta)
-    return soil.r * cos_g * (cos - cos_1) - _pressed_at(soil, patch, sin, cos, xi)[1]
-
-
-@kernel
-def _edge(soil, patch, cos_g, cos_1, low, gap_low, high, gap_high, xi):
-    """Angle [rad] between one where the rim is below the floor and one where it is above, at which it meets it (false position)."""
-    for _ in range(2):
-        theta = low + (high - low) * gap_low / (gap_low - gap_high)
-        gap = _below_floor(soil, patch, cos_g, cos_1, theta, xi)
-        if gap > 0.0:
-            low, gap_low = theta, gap
-        else:
-            high, gap_high = theta, gap
-    return low + (high - low) * gap_low / (gap_low - gap_high)
 
 
 @kernel
@@ -194,7 +99,7 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
     two_part = p.normal_model == 2.0
     mapped = p.V_j_mode == 2.0
     shaped = driving(p, travel)
-    weak, forward = p.strength == 2.0, 1.0 if v_x >= 0.0 else -1.0
+    weak, forward = p.strength == CRITICAL_STATE, 1.0 if v_x >= 0.0 else -1.0
     tan_g = sin_g / cos_g
     v_n = v_a * sin_g + v_r * cos_g  # separating velocity of the centre from the plane
 
@@ -204,11 +109,12 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         left = min(left, (p.r_w * cos_g - d) / sin_g)
     elif sin_g < 0.0:
         right = max(right, (p.r_w * cos_g - d) / sin_g)
-    one_strip = abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
+    alike = abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ALIKE
     for j in range(len(_STRIPS)):
-        if patch is None:
-            place, weight = (0.0, 2.0 if j == 0 else 0.0) if one_strip else (_STRIPS[j], _STRIP_WEIGHTS[j])
-        else:
+        place, weight = _STRIPS[j], _STRIP_WEIGHTS[j]
+        if alike and patch is None:
+            place, weight = 0.0, 2.0 if j == 0 else 0.0
+        elif alike:
             place, weight = (_TWO_STRIPS if j == 0 else -_TWO_STRIPS), (1.0 if j < 2 else 0.0)
         xi, width = 0.5 * (left + right) + 0.5 * (left - right) * place, 0.5 * (left - right) * weight
         theta_1 = entry_angle(p, d + xi * sin_g, cos_g)
@@ -226,7 +132,7 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         lead, trail = (theta_front, theta_rear) if travel >= 0.0 else (theta_rear, theta_front)
         grows, late, cos_lead = True, 0.0, cos_1
         if patch is not None:
-            found, trail, lead, grows = _bearing_arc(soil, patch, cos_g, cos_1, trail, lead, xi)
+            found, trail, lead, grows = bearing_arc(soil, patch, cos_g, cos_1, trail, lead, xi)
             if not found:
                 continue
             late, cos_lead = math.copysign(theta_1, travel) - lead, math.cos(lead)  # soil is sheared from where it is met
@@ -433,7 +339,7 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, trave
     gamma_s = unit_weight(p.rho, p.gravity, p.slope)
     half = 0.5 * (theta_front + theta_rear)
     length, depth = p.r_w * math.sin(theta_1), p.r_w * (1.0 - math.cos(theta_1))
-    s = strength_of(p, p.strength == 2.0, p.phi, p.b_w, length, depth, v_x)
+    s = strength_of(p, p.strength == CRITICAL_STATE, p.phi, p.b_w, length, depth, v_x)
     lead = theta_front if travel >= 0.0 else -theta_rear
     for k in range(_N):
         theta = 0.5 * (theta_front - theta_rear) + half * _NODES[k]
@@ -442,7 +348,7 @@ def sides(p, soil, patch, N_phi, d, sin_g, cos_g, v_x, v_a, w_x, w_a, w_r, trave
         xi = 0.5 * p.b_w if v_l > 0.0 else -0.5 * p.b_w
         height = p.r_w * cos - (d + xi * sin_g) / cos_g
         if patch is not None:  # the wall is as high as the surface beside the wheel is, not as the level from which sinkage counts
-            height -= _pressed_at(soil, patch, sin, cos, math.copysign(abs(xi) + patch.spacing, xi))[1]
+            height -= pressed_at(soil, patch, sin, cos, math.copysign(abs(xi) + patch.spacing, xi))[1]
         if height <= 0.0:
             continue
         q = p.kappa_q * pressure_at(soil, patch, height, sin, cos, xi)[0]

@@ -23,14 +23,15 @@ from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL, check_bearing
-from ..strength import STRENGTH
+from ..soil import SOIL, check_bearing, check_rho
+from ..strength import STRENGTH, STRENGTHS
 from ..terrain.patch import surface
 from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
 from ..unloading import UNLOADING, unloading_of
 from ..wheel import WHEEL, check_wheel
 from . import loads
+from .soil import Soil
 
 _OUTSIDE = 5
 
@@ -74,11 +75,7 @@ class BCM(KernelModel):
             normal_model=Choice("Normal stress over the rim", bekker="Bekker at local sinkage", wong_reece="two parts, 0 at the exit"),
             c_1=Real(0.43, "1", "Angle of the largest normal stress / entry angle at slip 0; used by wong_reece", min=0.0, max=0.95),
             c_2=Real(0.32, "1", "Its increase with slip; used by wong_reece", min=-0.95, max=0.95),
-            strength=Choice(
-                "Strength of soil that is sheared and pushed along",
-                plates="what plates measured, everywhere",
-                critical_state="falls from what plates measured to its critical state: slip sinkage",
-            ),
+            strength=STRENGTHS.starting_with("plates"),
             c_d=Real(1.9, "s/m", "Normal damping: stress grows by this times the sinking speed (1.9: 28 % of critical)", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces and sides", min=0.0, max=1.0),
             tau_n=Real(0.02, "s", "Time constant of the low-pass on the contact plane; used on a patch", min=0.0, max=10.0),
@@ -112,6 +109,7 @@ class BCM(KernelModel):
 
     def check(self, p) -> None:
         check_bearing(p)
+        check_rho(p)
         if p.slope > p.phi:
             raise ModelError(
                 f"slope = {p.slope:g} rad: steeper than the soil's friction holds, phi = {p.phi:.4g} rad; use at most {p.phi:.4g} rad"
@@ -242,7 +240,7 @@ def _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown):
 
     r = wheel.r_0
     x_0, y_0 = (r[0], x_x, a_x, r_x), (r[1], x_y, a_y, r_y)
-    soil = loads.Soil(bekker_modulus(p.k_c, p.k_phi, p.b_w), p.n, unloading_of(p), TESTED * p.b_w, p.r_w, x_0, y_0)
+    soil = Soil(bekker_modulus(p.k_c, p.k_phi, p.b_w), p.n, unloading_of(p), TESTED * p.b_w, p.r_w, x_0, y_0)
     tan_phi = math.tan(p.phi)
     N_phi = flow_value(p.phi)
     toothed = p.n_g > 0.0 and p.h_g > 0.0

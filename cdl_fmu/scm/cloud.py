@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from ..strength import angle, escape, left_by_push, log_of_push, softened, strength_of, yield_pressure
+from ..strength import CRITICAL_STATE, angle, escape, left_by_push, log_of_push, softened, strength_of, yield_pressure
 from ..terramechanics import flow_value
 from ..unloading import pressure, unloading_of, unloading_stiffness
 from .columns import (
@@ -142,7 +142,7 @@ def cloud_contact(
     per_root = nodes_per_root(p, tables[0])
     v_0 = tool.v_0
     speed, along = math.hypot(v_0[0], v_0[1]), v_0[0] * h_x + v_0[1] * h_y
-    strength = strength_of(p, p.strength == 1.0, repose_of(p), width, length, sums[DEPTH], along)
+    strength = strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), width, length, sums[DEPTH], along)
     unloading = unloading_of(p)
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)

@@ -6,7 +6,7 @@ import math
 
 from ..slave.interface import TESTED
 from ..slave.kernel import kernel
-from ..strength import strength_of
+from ..strength import CRITICAL_STATE, strength_of
 from ..strength import yield_pressure as yields_at
 from ..unloading import tested_depth, unloading_of
 from .erosion import repose_of
@@ -92,7 +92,7 @@ def _fill_yield_pressure(p, sinkage, yield_pressure):
     law, modulus, least = unloading_of(p), pressure_modulus(p, p.b_w), TESTED * p.b_w
     untouched = modulus * least**p.n
     # A tool as large as the wheel is wide, that stands: how a wheel weakens the soil below it is that wheel's to know.
-    strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
+    strength = strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
     for a in range(sinkage.shape[0]):
         for b in range(sinkage.shape[1]):
             pressed, fill = sinkage[a, b] / 9.0, yield_pressure[a, b] / 9.0

@@ -20,8 +20,8 @@ from ..slave.interface import (
 from ..slave.kernel import MOST_THREADS
 from ..slave.model import Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL, check_bearing
-from ..strength import STRENGTH
+from ..soil import SOIL, check_bearing, check_rho
+from ..strength import STRENGTH, STRENGTHS
 from ..terrain.raster import load_raster
 from ..unloading import UNLOADING
 from ..wheel import WHEEL, check_wheel
@@ -35,6 +35,9 @@ from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THR
 from .tiles import LONGEST_QUEUE
 
 _MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_min[1]:g} to {p.map_max[1]:g} m in y) and the base raster"
+
+#: A patch reaches this many nodes from the wheel's centre to its nearer edges, and has to reach this far, in radii of the wheel.
+_HALF_PATCH, _SHORTEST_CONTACT = 3.5, 0.75
 
 
 class SCM(KernelModel):
@@ -67,11 +70,7 @@ class SCM(KernelModel):
             pressure_model=Choice("Plastic pressure", bekker="(k_c/b + k_phi) z^n", reece="(c k_c_1 + rho g b k_phi_1) (z/b)^n"),
             k_c_1=Real(50.0, "1", "Reece's k'_c; used by reece", min=0.0, max=1e6),
             k_phi_1=Real(1000.0, "1", "Reece's k'_phi; used by reece", min=0.0, max=1e6),
-            strength=Choice(
-                "Strength of soil that is sheared, pushed along or heaped up",
-                critical_state="falls from what plates measured to its critical state",
-                plates="what plates measured, everywhere",
-            ),
+            strength=STRENGTHS.starting_with("critical_state"),
             tau_r=Real(0.1, "s", "Time by which the shear velocity adds to the shear displacement", min=0.0, max=10.0),
             c_d=Real(1.9, "s/m", "Normal damping: pressure grows by this times the wheel's sinking speed", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces", min=0.0, max=1.0),
@@ -175,6 +174,13 @@ class SCM(KernelModel):
                 f"cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {p.b_w / 3.0:.3g} m"
             )
         check_wheel(p)
+        check_rho(p)
+        least = _SHORTEST_CONTACT * p.r_w / _HALF_PATCH
+        if self.sizes["n_patches"] and p.patch_spacing < least:
+            raise ModelError(
+                f"patch_spacing = {p.patch_spacing:g} m: a patch of 13 x 9 nodes does not reach around the contact of a wheel of "
+                f"r_w = {p.r_w:g} m; use at least {least:.3g} m"
+            )
         if p.slope > (repose := repose_of.py_func(p)):
             raise ModelError(
                 f"slope = {p.slope:g} rad: steeper than the soil's angle of repose, {repose:.4g} rad, it slides down by itself; "

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from ..slave.kernel import kernel
-from ..strength import strength_of
+from ..strength import CRITICAL_STATE, strength_of
 from ..terramechanics import flow_value, janosi_displacement, rankine_wall, unit_weight
 from .columns import (
     ACROSS,
@@ -149,7 +149,7 @@ def wheel_contact(p, wheel, tables, modulus, h, stamp, rows, grid, corner, block
     level, h_x, h_y, tilt = attitude(wheel)
     l_x, l_y, per_level = -h_y, h_x, 1.0 / level
     speed = wheel.v_0[0] * h_x + wheel.v_0[1] * h_y
-    strength = strength_of(p, p.strength == 1.0, repose_of(p), p.b_w, contact_length(p, sums[DEPTH]), sums[DEPTH], speed)
+    strength = strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), p.b_w, contact_length(p, sums[DEPTH]), sums[DEPTH], speed)
     density = density_of(p)
     sideward = wheel.v_0[0] * l_x + wheel.v_0[1] * l_y
     # Soil beside a wheel that slides is sheared in the passive wedge of the side that pushes it, as deep as it is when it gets below.

@@ -35,7 +35,8 @@ class Real:
 class Choice:
     """One of several named options; an FMI Enumeration, stored as its item value 1, 2, ... in a float64.
 
-    ``Choice("How the ...", constant="one V_j for all speeds", mapped="V_j from K and omega")``; the first option is the start.
+    ``Choice("How the ...", constant="one V_j for all speeds", mapped="V_j from K and omega")``; the first option is the start, or the one
+    that ``starting_with`` names.
     """
 
     description: str
@@ -48,6 +49,12 @@ class Choice:
     def __init__(self, description: str, /, **options: str):
         object.__setattr__(self, "description", description)
         object.__setattr__(self, "options", options)
+
+    def starting_with(self, option: str) -> Choice:
+        """The same with another start."""
+        other = Choice(self.description, **self.options)
+        object.__setattr__(other, "start", self.value(option))
+        return other
 
     @property
     def max(self) -> float:

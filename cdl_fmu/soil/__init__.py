@@ -14,6 +14,8 @@ from ..slave.records import Real, Record
 _FOLDER = Path(__file__).parent
 _DEFAULT = tomllib.loads((_FOLDER / "mss_d.toml").read_text(encoding="utf-8"))
 
+_LIGHTEST = 100.0  # kg/m3
+
 #: How parameters are measured.
 _MEASURES = {
     frozenset(("k_c", "k_phi", "n")): "by plate tests (cdl identify plates.csv)",
@@ -36,6 +38,12 @@ SOIL = Record(
     K=_soil("K", "m", "Shear displacement modulus of Janosi and Hanamoto", 1e-6, 10.0),
     rho=_soil("rho", "kg/m3", "Bulk density", 0.0, 1e4),
 )
+
+
+def check_rho(p) -> None:
+    """Raise ModelError for a density that no soil has, as one in g/cm3; 0 takes the soil's weight away."""
+    if 0.0 < p.rho < _LIGHTEST:
+        raise ModelError(f"rho = {p.rho:g} kg/m3: lighter than any soil; use at least {_LIGHTEST:g} kg/m3 (1 g/cm3 is 1000 kg/m3), or 0")
 
 
 def check_bearing(p) -> None:

@@ -58,10 +58,11 @@ class Row:
 
     def cells(self) -> list[str]:
         """Text in each of ``COLUMNS``."""
-        computed = shown(self.computed, self.unit) + ("" if self.stationary else " (!)")
+        ran = self.error is None or math.isfinite(self.error)
+        computed = shown(self.computed, self.unit) + ("" if self.stationary or not ran else " (!)")
         values = [shown(self.expected, self.unit), computed, shown(self.error, self.error_unit, 3)]
         bar = self._bar() + (", steady" if self.steady else "")
-        return [self.model, self.against, self.quantity, *values, bar, _VERDICTS[self.passed]]
+        return [self.model, self.against, self.quantity, *values, bar, _VERDICTS[self.passed] if ran else "not run"]
 
     def _bar(self) -> str:
         match self.bar:
@@ -88,8 +89,8 @@ def absolute(model: str, against: str, quantity: str, expected: float, computed:
     return Row(model, against, quantity, expected, computed, unit, computed - expected, unit, None if bar is None else (-bar, bar), **more)
 
 
-def limited(model: str, against: str, quantity: str, error: float, unit: str, bar: tuple[float | None, float | None], **more) -> Row:
-    """A row of one number, such as a root mean square, that has bounds."""
+def limited(model: str, against: str, quantity: str, error: float, unit: str, bar: tuple[float | None, float | None] | None, **more) -> Row:
+    """A row of one number, such as a root mean square, that may have bounds."""
     return Row(model, against, quantity, error=error, error_unit=unit, bar=bar, **more)
 
 
