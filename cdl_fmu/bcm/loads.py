@@ -35,11 +35,8 @@ _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.legg
 _STRIPS, _STRIP_WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(3))
 _N = len(_NODES)
 
-
-#: Below this sum of camber [rad] and of yaw and roll rate times width [m/s] all strips move alike: one stands for the whole width.
-_ALIKE = 1e-9
-#: On a rut, whose walls a patch has blurred, two do.
-_TWO_STRIPS = 1.0 / math.sqrt(3.0)
+#: Below this sum of camber [rad] and of yaw and roll rate times width [m/s] one strip stands for the whole width.
+_ONE_STRIP = 1e-9
 #: Cosine of the largest entry angle: a deeper wheel is loaded like one in the soil up to here.
 _DEEPEST = -0.98
 #: Least mapped V_j [m/s]: keeps the friction of a wheel at rest finite.
@@ -109,14 +106,10 @@ def rim(p, soil, patch, tan_phi, r_s, d, sin_g, cos_g, v_x, v_a, v_r, w_x, w_a, 
         left = min(left, (p.r_w * cos_g - d) / sin_g)
     elif sin_g < 0.0:
         right = max(right, (p.r_w * cos_g - d) / sin_g)
-    alike = abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ALIKE
-    for j in range(len(_STRIPS)):
-        place, weight = _STRIPS[j], _STRIP_WEIGHTS[j]
-        if alike and patch is None:
-            place, weight = 0.0, 2.0 if j == 0 else 0.0
-        elif alike:
-            place, weight = (_TWO_STRIPS if j == 0 else -_TWO_STRIPS), (1.0 if j < 2 else 0.0)
-        xi, width = 0.5 * (left + right) + 0.5 * (left - right) * place, 0.5 * (left - right) * weight
+    one_strip = patch is None and abs(sin_g) + (abs(w_x) + abs(w_r)) * p.b_w < _ONE_STRIP
+    for j in range(1 if one_strip else len(_STRIPS)):
+        xi = 0.5 * (left + right) + (0.0 if one_strip else 0.5 * (left - right) * _STRIPS[j])
+        width = (left - right) * (1.0 if one_strip else 0.5 * _STRIP_WEIGHTS[j])
         theta_1 = entry_angle(p, d + xi * sin_g, cos_g)
         if width <= 0.0 or theta_1 <= 0.0:
             continue
