@@ -6,6 +6,7 @@ FMPy loads the FMU and keeps its life cycle; the calls of every step go straight
 from __future__ import annotations
 
 import ctypes
+import math
 import sys
 from ctypes import c_double, c_int, c_uint, c_void_p
 from functools import partial
@@ -33,6 +34,11 @@ _LARGE = 64  # elements from which an array is sent only when it has changed
 
 class SlaveError(Exception):
     """A slave refused a call; the message names instance, what it said and when."""
+
+
+def revision_of(name: str) -> str:
+    """Name of the output that says how often an array has changed, if its FMU has one: ``patch[1].revision`` for ``patch[1].z[3,4]``."""
+    return f"{name.rpartition('.')[0]}.revision"
 
 
 def _large_arrays(names: list[str]) -> list[list[int]]:
@@ -66,6 +72,8 @@ class Slave:
         self._large_sets: list[tuple] = []
         self._sent: list[bytes] = []
         self._gets: list[tuple] = []
+        self._large_gets: list[tuple] = []
+        self._got: list[float] = []
         self._directory = Path(directory)
         identifier = description.coSimulation.modelIdentifier
         folder = self._directory / "binaries" / fmpy.platform
@@ -142,7 +150,13 @@ class Slave:
         # Large arrays, such as height patches, are the same in most steps: they are sent when they have changed.
         self._large_sets = [(u[run[0] : run[-1] + 1], self._groups("Set", inputs, u, run)) for run in large]
         self._sent = [b""] * len(large)
-        self._gets = self._groups("Get", outputs, y, np.arange(len(outputs)))
+        # Such arrays are also read when they have changed, where an output tells: patch[1].revision of patch[1].z.
+        runs = [(revision_of(outputs[run[0]]), np.array(run)) for run in _large_arrays(outputs)]
+        told = [(outputs.index(revision), run) for revision, run in runs if revision in outputs]
+        rest = np.setdiff1d(np.arange(len(outputs)), np.concatenate([run for _, run in told])) if told else np.arange(len(outputs))
+        self._gets = self._groups("Get", outputs, y, rest)
+        self._large_gets = [(at, self._groups("Get", outputs, y, run)) for at, run in told]
+        self._got = [math.nan] * len(told)
 
     def _groups(self, direction: str, names: list[str], values: np.ndarray, among: np.ndarray) -> list[tuple]:
         """A call for the variables of each type among these of ``names``."""
@@ -179,7 +193,14 @@ class Slave:
 
     def get(self, t: float) -> None:
         """Fetch the bound outputs."""
-        for call, copy in self._gets:
+        self._fetch(self._gets, t)
+        for k, (at, groups) in enumerate(self._large_gets):
+            if self.y[at] != self._got[k]:
+                self._fetch(groups, t)
+                self._got[k] = self.y[at]
+
+    def _fetch(self, groups: list[tuple], t: float) -> None:
+        for call, copy in groups:
             if call() > _WARNING:
                 self._raise("did not give its outputs", t)
             if copy:
@@ -200,6 +221,7 @@ class Slave:
         """Go back to a saved state."""
         self._call("setFMUstate", self._fmu.setFMUstate, state)
         self._sent = [b""] * len(self._sent)  # the FMU has the inputs of then
+        self._got = [math.nan] * len(self._got)
 
     def free(self, state) -> None:
         """Release a saved state."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .fmu import Slave, SlaveError
+from .fmu import Slave, SlaveError, revision_of
 from .schemes import SCHEMES, Exchange
 from .ssp import System
 from .stability import StabilityGuard
@@ -116,7 +116,8 @@ class Master:
         for name, slave in slaves.items():
             offered = [v for v in slave.variables.values() if v.causality == "output" and v.type != "String"]
             guard = re.compile(r"contact\[\d+\]\.(axes|K|D)\[|inverse_inertia\[") if explicit else re.compile("$^")
-            outputs[name] = [v.name for v in offered if v.name in sources[name] or is_recorded(v.name) or guard.match(v.name)]
+            wanted = sources[name] | {revision_of(source) for source in sources[name]}
+            outputs[name] = [v.name for v in offered if v.name in wanted or is_recorded(v.name) or guard.match(v.name)]
         self.inputs = np.zeros(sum(map(len, inputs.values())))
         self.outputs = np.zeros(sum(map(len, outputs.values())))
         keys = [(name, variable) for name in slaves for variable in outputs[name]]

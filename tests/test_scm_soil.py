@@ -338,3 +338,19 @@ def test_a_loose_mound_yields_at_less():
     wheel.move(1e-3)
     assert instance.y.patch[0].z[6, 4] == pytest.approx(0.015)
     assert instance.y.patch[0].yield_pressure[6, 4] < 0.95 * untouched
+
+
+def test_a_patch_says_when_it_has_changed():
+    instance = Instance(SCM(1, 1), "scm")
+    instance.initialise()
+    trailing, patch, wheel = instance.u.trailing[0], instance.y.patch[0], Carriage(instance, depth=-0.1)
+    trailing.r_0[:] = 0.0, 0.0, 0.1
+    said = []
+    for x, depth in ((0.0, -0.1), (0.001, -0.1), (0.04, -0.1), (0.04, 0.02), (0.04, 0.02)):
+        trailing.r_0[0], wheel.r[2] = x, R - depth
+        before = patch.z.copy(), patch.origin.copy(), float(patch.revision)
+        wheel.move(1e-3)
+        same = (patch.z == before[0]).all() and (patch.origin == before[1]).all()
+        said.append(patch.revision - before[2])
+        assert (said[-1] == 0.0) == (same and x > 0.0)
+    assert said[:4] == [1.0, 0.0, 1.0, 1.0]

@@ -6,12 +6,12 @@ import math
 from typing import NamedTuple
 
 from ..slave.kernel import kernel
-from ..terrain.patch import pressed_before
+from ..terrain.patch import pressed_before, sinkage_at
 from ..terramechanics import bekker
 from ..unloading import Unloading, pressure, tested_depth, unloading_stiffness
 
 #: Places of the rim at which it is looked for where it meets a floor that was pressed before.
-_PROBES = 16
+_PROBES = 12
 
 
 class Soil(NamedTuple):
@@ -50,11 +50,18 @@ def pressure_at(soil, patch, z, sin, cos, xi):
     return sigma, rise, plastic
 
 
+@kernel(inline=True)
+def _below(soil, sin, cos, xi):
+    """World x and y [m] of a place of the rim: of the angle from nadir, and place along the axle [m]."""
+    x, y, forward, down = soil.x_0, soil.y_0, soil.r * sin, -soil.r * cos
+    return x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3]
+
+
 @kernel
 def pressed_at(soil, patch, sin, cos, xi):
     """``pressed_before`` below a place of the rim."""
-    x, y, forward, down = soil.x_0, soil.y_0, soil.r * sin, -soil.r * cos
-    return pressed_before(patch, x[0] + forward * x[1] + xi * x[2] + down * x[3], y[0] + forward * y[1] + xi * y[2] + down * y[3])
+    x, y = _below(soil, sin, cos, xi)
+    return pressed_before(patch, x, y)
 
 
 @kernel
@@ -87,7 +94,8 @@ def bearing_arc(soil, patch, cos_g, cos_1, trail, lead, xi):
 def _below_floor(soil, patch, cos_g, cos_1, theta, xi):
     """Depth [m] of a place of the rim below the floor."""
     sin, cos = math.sin(theta), math.cos(theta)
-    return soil.r * cos_g * (cos - cos_1) - pressed_at(soil, patch, sin, cos, xi)[1]
+    x, y = _below(soil, sin, cos, xi)
+    return soil.r * cos_g * (cos - cos_1) - sinkage_at(patch, x, y)
 
 
 @kernel

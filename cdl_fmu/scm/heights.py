@@ -51,52 +51,50 @@ def fill_patch(p, rows, marks, head, ground, frame, r_0, patch, sinkage=None, yi
         return
     spacing = p.patch_spacing
     n_x, n_y = patch.z.shape
-    i0 = nearest(r_0[0], spacing) - n_x // 2
-    j0 = nearest(r_0[1], spacing) - n_y // 2
-    patch.spacing = spacing
-    patch.origin[0], patch.origin[1] = i0 * spacing, j0 * spacing
+    i0, j0 = nearest(r_0[0], spacing) - n_x // 2, nearest(r_0[1], spacing) - n_y // 2
+    changed = patch.spacing != spacing or patch.origin[0] != i0 * spacing or patch.origin[1] != j0 * spacing
+    patch.spacing, patch.origin[0], patch.origin[1] = spacing, i0 * spacing, j0 * spacing
     apart = spacing / (3.0 * p.cell)  # cells from one of the nine points to the next
     on_nodes = apart > 0.5 and abs(apart - nearest(apart, 1.0)) < 1e-9
+    strength, untouched = patch_strength(p), 0.0 if sinkage is None else yields_of(p, patch_strength(p), 0.0, 0.0)
+    tile_i = tile_j = row = -1
     for a in range(n_x):
         for b in range(n_y):
-            patch.z[a, b] = 0.0
+            z = pressed = fill = 0.0
+            for k in range(9):
+                i, j = 3 * (i0 + a) + k // 3 - 1, 3 * (j0 + b) + k % 3 - 1
+                u, v = nearest(i * apart, 1.0), nearest(j * apart, 1.0)
+                if tile_of(u) != tile_i or tile_of(v) != tile_j or a + b + k == 0:
+                    tile_i, tile_j = tile_of(u), tile_of(v)
+                    row = find(marks, head, tile_i, tile_j)
+                if not on_nodes:
+                    z += height_at(p, rows, marks, head, ground, frame, i * spacing / 3.0, j * spacing / 3.0)
+                elif row < 0:
+                    z += base_height(p, ground, frame, u, v)
+                else:
+                    z += surface_height(rows, row, in_tile(u), in_tile(v))
+                if sinkage is not None and row >= 0:
+                    pressed, fill = pressed + rows[row, SINKAGE, in_tile(u), in_tile(v)], fill + rows[row, FILL, in_tile(u), in_tile(v)]
+            changed |= patch.z[a, b] != z / 9.0
+            patch.z[a, b] = z / 9.0
             if sinkage is not None:
-                sinkage[a, b] = yield_pressure[a, b] = 0.0
-    for i in range(3 * i0 - 1, 3 * (i0 + n_x) - 1):
-        a, u = (i + 1) // 3 - i0, nearest(i * apart, 1.0)
-        row, tile, first = -1, 0, True
-        for j in range(3 * j0 - 1, 3 * (j0 + n_y) - 1):
-            b, v = (j + 1) // 3 - j0, nearest(j * apart, 1.0)
-            if first or tile_of(v) != tile:
-                tile, first = tile_of(v), False
-                row = find(marks, head, tile_of(u), tile)
-            if not on_nodes:
-                patch.z[a, b] += height_at(p, rows, marks, head, ground, frame, i * spacing / 3.0, j * spacing / 3.0)
-            elif row < 0:
-                patch.z[a, b] += base_height(p, ground, frame, u, v)
-            else:
-                patch.z[a, b] += surface_height(rows, row, in_tile(u), in_tile(v))
-            if sinkage is not None and row >= 0:
-                sinkage[a, b] += rows[row, SINKAGE, in_tile(u), in_tile(v)]
-                yield_pressure[a, b] += rows[row, FILL, in_tile(u), in_tile(v)]  # for the time being
-    for a in range(n_x):
-        for b in range(n_y):
-            patch.z[a, b] /= 9.0
-    if sinkage is not None:
-        _fill_yield_pressure(p, sinkage, yield_pressure)
+                pressed, fill = pressed / 9.0, fill / 9.0
+                yields = yields_of(p, strength, pressed, fill) if pressed > 0.0 or fill > 0.0 else untouched
+                changed |= sinkage[a, b] != pressed or yield_pressure[a, b] != yields
+                sinkage[a, b], yield_pressure[a, b] = pressed, yields
+    if changed:
+        patch.revision += 1.0
 
 
 @kernel
-def _fill_yield_pressure(p, sinkage, yield_pressure):
-    """Sums of nine cells' plastic sinkage and fill [m] at each node, as mean plastic sinkage and the pressure at which soil yields."""
-    law, modulus, least = unloading_of(p), pressure_modulus(p, p.b_w), TESTED * p.b_w
-    untouched = modulus * least**p.n
-    # A tool as large as the wheel is wide, that stands: how a wheel weakens the soil below it is that wheel's to know.
-    strength = strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
-    for a in range(sinkage.shape[0]):
-        for b in range(sinkage.shape[1]):
-            pressed, fill = sinkage[a, b] / 9.0, yield_pressure[a, b] / 9.0
-            sinkage[a, b], yield_pressure[a, b] = pressed, untouched
-            if pressed > 0.0 or fill > 0.0:
-                depth = tested_depth(law, modulus, p.n, pressed, least)
-                yield_pressure[a, b] = yields_at(strength, modulus * depth**p.n, depth, fill, 0.0, 1.0)
+def patch_strength(p):
+    """Strength below a tool as large as the wheel is wide, that stands: how a wheel weakens the soil below it is that wheel's to know."""
+    return strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
+
+
+@kernel
+def yields_of(p, strength, pressed, fill):
+    """Pressure [Pa] at which soil yields that has a plastic sinkage and a fill [m]."""
+    modulus = pressure_modulus(p, p.b_w)
+    depth = tested_depth(unloading_of(p), modulus, p.n, pressed, TESTED * p.b_w)
+    return yields_at(strength, modulus * depth**p.n, depth, fill, 0.0, 1.0)

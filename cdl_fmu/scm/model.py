@@ -11,7 +11,7 @@ from ..slave.interface import (
     body_wrench,
     contact_jacobian,
     diagnostics,
-    patch_in,
+    patch_out,
     trailing_in,
     wheel_active,
     wheel_pose,
@@ -163,7 +163,7 @@ class SCM(KernelModel):
             wheel_wrench(n_wheels)
             | contact_jacobian(n_wheels)
             | diagnostics(n_wheels)
-            | patch_in(n_patches, n_compacted > 0)
+            | patch_out(n_patches, n_compacted > 0)
             | body_wrench(n_bodies)
         )
         self.step_kernel, self.parallel_step_kernel = step_kernels(n_compacted > 0)

@@ -138,6 +138,12 @@ def patch_in(n: int, compaction: bool = False, nx: int = 13, ny: int = 9) -> Rec
     return Record(patch=Array(n, nodes))
 
 
+def patch_out(n: int, compaction: bool = False) -> Record:
+    """What sends patches: the patches, and how often each has changed."""
+    meaning = "Number of times that the patch has changed: who has read it need not read it again while this stays"
+    return patch_in(n, compaction) | Record(patch=Array(n, Record(revision=Real(0.0, "1", meaning))))
+
+
 def trailing_in(n: int) -> Record:
     """Position of each of ``n`` wheels of other tiers, which want the heights around them."""
     meaning = "Position of the wheel's centre, resolved in world; (0, 0, 0): none yet, and no patch"
