@@ -101,7 +101,8 @@ def test_two_users_of_a_read_only_installation_drive_at_the_same_time_with_a_col
     environment = tmp_path / "environment"
     subprocess.run([sys.executable, "-m", "venv", environment], check=True)
     python = environment / "bin" / "python"
-    subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", wheel], check=True)
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", wheel], env=variables, check=True)
     ask = "import sysconfig; print(sysconfig.get_path('purelib'))"
     installed = Path(subprocess.run([python, "-c", ask], check=True, capture_output=True, text=True).stdout.strip())
     # The dependencies of this Python, but not its editable installations: a folder named in a .pth file is no site folder.
@@ -112,7 +113,6 @@ def test_two_users_of_a_read_only_installation_drive_at_the_same_time_with_a_col
 
     folder = tmp_path / AWKWARD
     folder.mkdir()
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     variables |= {"XDG_CACHE_HOME": str(folder / "cache"), "MPLCONFIGDIR": str(folder)}
     command = [environment / "bin" / "cdl", "run", "two_wheel", "--stop-time", "0.02", "--out"]
     runs = [subprocess.Popen([*command, f"dür {i}"], cwd=folder, env=variables) for i in (1, 2)]
