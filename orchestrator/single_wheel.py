@@ -39,13 +39,17 @@ def measure(
 
     Returns:
         ``drawbar_pull_N, lateral_force_N, torque_Nm, sinkage_m, normal_load_N``, each with ``_std``, in the wheel's heading frame,
-        torque as drive torque; ``stationary``, ``stationary_from_s`` and the drifts; the settings; as ``cdl run --json`` prints.
+        torque as drive torque; ``stationary``, ``stationary_from_s`` and the drifts; the settings; as ``cdl run --json`` prints, with the
+        path of the result where ``out`` is given.
 
     Raises:
         ExperimentError, SlaveError, ResultError, RunError: see :func:`orchestrator.simulate`; each names what is wrong and the remedy.
     """
     with TemporaryDirectory() as folder:
-        return facts_of(simulate(experiment, out or folder, overrides=overrides, soil=soil, picture=out is not None, **options))
+        facts = facts_of(simulate(experiment, out or folder, overrides=overrides, soil=soil, picture=out is not None, **options))
+    if out is None:
+        del facts["result"]  # thrown away
+    return facts
 
 
 @dataclass

@@ -189,7 +189,7 @@ def test_forces_are_in_the_heading_frame_and_slip_angles_count_from_it():
 
 def test_facts_say_everything():
     facts = point(slip=0.3, slip_angle=0.1)
-    run = {"simulated_s", "wall_s", "scheme", "step_s", "result"}
+    run = {"simulated_s", "wall_s", "scheme", "step_s"}  # its result is thrown away
     settings = {"tier", "load_N", "carriage_speed", "slip", "slip_angle", "wheel_rate"}
     part = {"stationary", "stationary_from_s", "stationary_travel_m"}
     drifts = {f"{key}_drift_per_m" for key in ("sinkage_m", "drawbar_pull_N", "lateral_force_N")}

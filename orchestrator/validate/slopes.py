@@ -47,6 +47,7 @@ _COLUMNS = (
     "slip angle, rear [deg]",
     "drift [deg]",
 )
+_CONE = 4.5  # slope of the cone from which a heap slides
 
 
 @dataclass(frozen=True)
@@ -97,8 +98,9 @@ def check(bench: Bench) -> Findings:
     note = (
         f"The two-wheel rover drives straight on for {_SECONDS:g} s, its wheels at one rate; means over the last {_STEADY:g} s. Its wheel, "
         "alone on level ground under half its weight, says what the front wheel should pull at its slip, and with what slip the rover "
-        "should climb if its rear wheel, which follows in the rut, pulled alike. A cone of 77 deg slides until it rests, and its "
-        "inclination against the horizontal is read on eight sides, the first of them uphill: the one farthest off counts."
+        f"should climb if its rear wheel, which follows in the rut, pulled alike. A cone of {math.degrees(math.atan(_CONE)):.0f} deg "
+        "slides until it rests, and its inclination against the horizontal is read on eight sides, the first of them uphill: the one "
+        "farthest off counts."
     )
     return Findings(rows, _figure(climbs, crossings, curves), [Table("Drives", _COLUMNS, numbers)], note)
 
@@ -178,7 +180,7 @@ def _against_single(tier: str, degrees: float, found: Drive, pulls: np.ndarray) 
 
 def _heap(repose: float, slope: float, uphill: float) -> list[Row]:
     angles = {key: math.radians(value) for key, value in (("repose", repose), ("slope", slope), ("uphill", uphill))}
-    instance = sand.heap(lambda x, y: np.maximum(0.0, 0.4 - 4.5 * np.hypot(x, y)), 0.6, cell=0.005, **angles)
+    instance = sand.heap(lambda x, y: np.maximum(0.0, 0.4 - _CONE * np.hypot(x, y)), 0.6, cell=0.005, **angles)
     before = sand.volume_error(instance)
     sand.wait_for_rest(instance, 60.0)
     found = sand.inclinations(instance)
