@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 import sys
 from ctypes import c_double, c_int, c_uint, c_void_p
 from functools import partial
@@ -19,6 +20,7 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, 
 from fmpy.model_description import ModelDescription
 
 _OK, _WARNING, _DISCARD = 0, 1, 2
+_PATCH = re.compile(r"patch\[\d+\]\.")  # a port of the contact interface; other FMUs may mean other things by a revision
 _STATUS = {2: "fmi2Discard", 3: "fmi2Error", 4: "fmi2Fatal"}
 # FMI base type -> (FMI function suffix, NumPy type of its buffer)
 _BASE_TYPES = {
@@ -37,8 +39,9 @@ class SlaveError(Exception):
 
 
 def revision_of(name: str) -> str:
-    """Name of the output that says how often an array has changed, if its FMU has one: ``patch[1].revision`` for ``patch[1].z[3,4]``."""
-    return f"{name.rpartition('.')[0]}.revision"
+    """Name of the output that says how often a patch has changed: ``patch[1].revision`` for ``patch[1].z[3,4]``; "" if none."""
+    patch = _PATCH.match(name)
+    return f"{patch[0]}revision" if patch else ""
 
 
 def _large_arrays(names: list[str]) -> list[list[int]]:
@@ -150,7 +153,7 @@ class Slave:
         # Large arrays, such as height patches, are the same in most steps: they are sent when they have changed.
         self._large_sets = [(u[run[0] : run[-1] + 1], self._groups("Set", inputs, u, run)) for run in large]
         self._sent = [b""] * len(large)
-        # Such arrays are also read when they have changed, where an output tells: patch[1].revision of patch[1].z.
+        # Patches are also read when they have changed, which an output of their FMU tells.
         runs = [(revision_of(outputs[run[0]]), np.array(run)) for run in _large_arrays(outputs)]
         told = [(outputs.index(revision), run) for revision, run in runs if revision in outputs]
         rest = np.setdiff1d(np.arange(len(outputs)), np.concatenate([run for _, run in told])) if told else np.arange(len(outputs))

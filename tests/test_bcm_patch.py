@@ -135,8 +135,8 @@ def test_untouched_soil_with_compaction_is_as_without():
         pose = ((0.01, -0.01, 0.01 + R - rng.uniform(0.005, 0.03)), T, v, w)
         expected, found = set_pose(plain, *pose), set_pose(pressed, *pose)
         load = np.linalg.norm(expected.f_0)
-        assert found.f_0 == pytest.approx(expected.f_0, abs=2e-3 * load)
-        assert found.t_0 == pytest.approx(expected.t_0, abs=5e-3 * load * R)
+        assert found.f_0 == pytest.approx(expected.f_0, abs=1e-3 * load)
+        assert found.t_0 == pytest.approx(expected.t_0, abs=1e-3 * load * R)
 
 
 def load_on_floor(instance, floor, below) -> float:

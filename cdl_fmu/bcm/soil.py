@@ -42,10 +42,10 @@ def pressure_at(soil, patch, z, sin, cos, xi):
     inside, floor, yields = pressed_at(soil, patch, sin, cos, xi)
     if not inside:
         return sigma, soil.n * sigma / z, sigma
-    tested = tested_depth(soil.unloading, soil.modulus, soil.n, floor, soil.tested)
-    plastic = sigma * min(yields / bekker(soil.modulus, tested, soil.n), 1.0)
     if z <= floor:
         return 0.0, 0.0, 0.0
+    tested = tested_depth(soil.unloading, soil.modulus, soil.n, floor, soil.tested)
+    plastic = sigma * min(yields / bekker(soil.modulus, tested, soil.n), 1.0)
     sigma, rise = pressure(unloading_stiffness(soil.unloading, z, sigma, floor), soil.n, z - floor, z, plastic)
     return sigma, rise, plastic
 

@@ -56,7 +56,10 @@ def fill_patch(p, rows, marks, head, ground, frame, r_0, patch, sinkage=None, yi
     patch.spacing, patch.origin[0], patch.origin[1] = spacing, i0 * spacing, j0 * spacing
     apart = spacing / (3.0 * p.cell)  # cells from one of the nine points to the next
     on_nodes = apart > 0.5 and abs(apart - nearest(apart, 1.0)) < 1e-9
-    strength, untouched = patch_strength(p), 0.0 if sinkage is None else yields_of(p, patch_strength(p), 0.0, 0.0)
+    if sinkage is not None:
+        # Of a tool as large as the wheel is wide, that stands: how a wheel weakens the soil below it is that wheel's to know.
+        strength = strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
+        untouched = _yields(p, strength, 0.0, 0.0)
     tile_i = tile_j = row = -1
     for a in range(n_x):
         for b in range(n_y):
@@ -79,7 +82,7 @@ def fill_patch(p, rows, marks, head, ground, frame, r_0, patch, sinkage=None, yi
             patch.z[a, b] = z / 9.0
             if sinkage is not None:
                 pressed, fill = pressed / 9.0, fill / 9.0
-                yields = yields_of(p, strength, pressed, fill) if pressed > 0.0 or fill > 0.0 else untouched
+                yields = _yields(p, strength, pressed, fill) if pressed > 0.0 or fill > 0.0 else untouched
                 changed |= sinkage[a, b] != pressed or yield_pressure[a, b] != yields
                 sinkage[a, b], yield_pressure[a, b] = pressed, yields
     if changed:
@@ -87,13 +90,7 @@ def fill_patch(p, rows, marks, head, ground, frame, r_0, patch, sinkage=None, yi
 
 
 @kernel
-def patch_strength(p):
-    """Strength below a tool as large as the wheel is wide, that stands: how a wheel weakens the soil below it is that wheel's to know."""
-    return strength_of(p, p.strength == CRITICAL_STATE, repose_of(p), p.b_w, p.b_w, 0.0, 0.0)
-
-
-@kernel
-def yields_of(p, strength, pressed, fill):
+def _yields(p, strength, pressed, fill):
     """Pressure [Pa] at which soil yields that has a plastic sinkage and a fill [m]."""
     modulus = pressure_modulus(p, p.b_w)
     depth = tested_depth(unloading_of(p), modulus, p.n, pressed, TESTED * p.b_w)

@@ -181,7 +181,7 @@ def answer(p, wheel, sums, wrench, contact):
     wrench.t_0[0] = weight * (sums[T_X] * l_y + sums[T_Y] * l_x)
     wrench.t_0[1] = weight * (sums[T_Y] * l_y - sums[T_X] * l_x)
     wrench.t_0[2] = weight * sums[T_Z]
-    contact.K[0], contact.K[1], contact.K[2] = weight * sums[K_X], weight * sums[K_Y], weight * max(sums[K_Z], 0.0)
+    contact.K[0], contact.K[1], contact.K[2] = weight * sums[K_X], weight * sums[K_Y], weight * sums[K_Z]
     contact.D[0], contact.D[1], contact.D[2] = p.tau_r * contact.K[0], p.tau_r * contact.K[1], weight * sums[D_Z]
     contact.in_contact = 1.0 if sums[F_Z] > 0.0 else 0.0
     anchor_here(wheel, contact)

@@ -62,11 +62,7 @@ def pressed_before(patch, x, y):
 def sinkage_at(patch, x, y):
     """Plastic sinkage [m] at the world position (x, y) [m] of a patch with compaction; 0 where it does not reach."""
     inside, i, j, s, q = _place(patch, x, y)
-    if not inside:
-        return 0.0
-    field = patch.sinkage
-    low = field[i, j] * (1.0 - s) + field[i + 1, j] * s
-    return low * (1.0 - q) + (field[i, j + 1] * (1.0 - s) + field[i + 1, j + 1] * s) * q
+    return _bilinear(patch.sinkage, i, j, s, q, 1.0)[0] if inside else 0.0
 
 
 @kernel(inline=True)
