@@ -23,7 +23,7 @@ SHIPPED = [
 ]
 
 _FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
-_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted"}
+_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted", "h": "n_hard"}
 
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.
 CLAIMS = Path(__file__).with_name("two_wheel_claims.toml")

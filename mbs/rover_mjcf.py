@@ -1,4 +1,4 @@
-"""The two-wheel rover of Table 8.2 as a MuJoCo model."""
+"""The two-wheel rover of Table 8.2 as a MuJoCo model, and rocks."""
 
 from __future__ import annotations
 
@@ -13,19 +13,16 @@ STEERED = (False, True)
 _POINT = 1e-12
 
 
-def two_wheel(p) -> mujoco.MjModel:
-    """Model of the rover with parameters ``p`` (:class:`mbs.rover.Rover`).
+def two_wheel(p, n_rocks: int) -> mujoco.MjModel:
+    """Model of the rover with parameters ``p`` (:class:`mbs.rover.Rover`) and of rocks, without drives and contacts.
 
-    Joints in order: x, y, z, yaw, pitch of the body (no roll), then per wheel steering, where it steers, and spin. Actuators in
-    order: three axes of each wheel's contact, the spin servos, the steering servos.
+    Joints in order: x, y, z, yaw, pitch of the body (no roll), then per wheel steering, where it steers, and spin; then the rocks'.
     """
-    # implicitfast is implicit in the damping of contacts and servos. It leaves out the Coriolis derivatives of implicit: the drive on
-    # BCM is as close to the reference with either (rms of the forces at 1 ms within 0.0154 % of the wheel load), in 1.7 us less a step.
     down = " ".join(str(-p.gravity * along) for along in vertical(p.slope, p.uphill))
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco model="two-wheel rover">
   <compiler angle="radian"/>
-  <option integrator="implicitfast" gravity="{down}">
+  <option gravity="{down}">
     <flag contact="disable" autoreset="disable"/>
   </option>
   <worldbody>
@@ -39,12 +36,8 @@ def two_wheel(p) -> mujoco.MjModel:
       {_wheel(p, 0, p.wheel_base / 2)}
       {_wheel(p, 1, -p.wheel_base / 2)}
     </body>
+    {"".join(_rock(p.rock[j], j) for j in range(n_rocks))}
   </worldbody>
-  <actuator>
-    {"".join(f'<general site="wheel{i}" biastype="affine" gear="1 0 0 0 0 0"/>' for i in range(2) for axis in "xyz")}
-    {"".join(f'<velocity joint="spin{i}" kv="{p.wheel_servo_gain}"/>' for i in range(2))}
-    {"".join(f'<velocity joint="steer{i}" kv="{p.steer_servo_gain}"/>' for i in range(2) if STEERED[i])}
-  </actuator>
 </mujoco>""")
 
 
@@ -55,5 +48,17 @@ def _wheel(p, i: int, x: float) -> str:
         {f'<joint name="steer{i}" axis="0 0 1"/>' if STEERED[i] else ""}
         <joint name="spin{i}" axis="0 1 0"/>
         <inertial pos="0 0 0" mass="{p.wheel_mass}" diaginertia="{diameter} {axle} {diameter}"/>
-        <site name="wheel{i}"/>
       </body>"""
+
+
+def _rock(rock, j: int) -> str:
+    x, y, z, xy, xz, yz = rock.inertia
+    return f"""
+    <body name="rock{j}">
+      <freejoint/>
+      <inertial pos="{_text(rock.center)}" mass="{rock.mass}" fullinertia="{_text((x, y, z, xy, xz, yz))}"/>
+    </body>"""
+
+
+def _text(numbers) -> str:
+    return " ".join(map(str, numbers))

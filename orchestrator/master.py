@@ -16,7 +16,7 @@ from .stability import StabilityGuard
 
 _CONTACT_FORCE = re.compile(r"contact\[(\d+)\]\.F\[1\]")
 _WHEEL_FORCE = re.compile(r"wheel\[(\d+)\]\.f_0\[1\]")
-_COUPLING = re.compile(r"contact\[\d+\]\.|inverse_inertia\[|patch\[\d+\]\.")
+_COUPLING = re.compile(r"(contact|support|pair|anchor|patch)\[\d+\]\.|inverse_inertia\[|free_twist\[")
 _GUARD_EVERY = 20  # steps between two checks of an explicit scheme's stability
 
 
@@ -115,7 +115,7 @@ class Master:
         outputs = {}
         for name, slave in slaves.items():
             offered = [v for v in slave.variables.values() if v.causality == "output" and v.type != "String"]
-            guard = re.compile(r"contact\[\d+\]\.(axes|K|D)\[|inverse_inertia\[") if explicit else re.compile("$^")
+            guard = re.compile(r"contact\[\d+\]\.(axes|K|D|point_0)\[|inverse_inertia\[") if explicit else re.compile("$^")
             wanted = sources[name] | {revision_of(source) for source in sources[name]}
             outputs[name] = [v.name for v in offered if v.name in wanted or is_recorded(v.name) or guard.match(v.name)]
         self.inputs = np.zeros(sum(map(len, inputs.values())))

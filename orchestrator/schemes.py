@@ -8,7 +8,8 @@ jacobi     all slaves step at once on the values of t, as most tools do; Jacobia
 aitken     fixed point over the wrench, mean of the wrench at t and t + H, with rollback and Aitken relaxation; no Jacobian
 =========  ======================================================================================================================
 
-The interface Jacobian is known by its names, ``contact[i].*``, poses by ``*.r_0, T, v_0, w_0``: the names are the contract.
+The interface Jacobian is known by its names, ``contact[i].*``, ``support[j].*`` and ``pair[k].*``, poses
+by ``*.r_0, T, v_0, w_0``: the names are the contract.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import numpy as np
 
 from .fmu import Slave, SlaveError
 
-_JACOBIAN = re.compile(r"(^|\.)contact\[\d+\]\.")
-_ANCHOR = re.compile(r"(^|\.)contact\[\d+\]\.anchor\.")
+_JACOBIAN = re.compile(r"(^|\.)(contact|support|pair|anchor)\[\d+\]\.")
+_ANCHOR = re.compile(r"(^|\.)((contact|support)\[\d+\]\.anchor\.|anchor\[\d+\]\.)")
 _POSE = re.compile(r"(.*\[\d+\]\.)r_0\[1\]")
 
 

@@ -1,8 +1,8 @@
 """Whether an explicit exchange of contact forces is stable at a step H: the checks that the master makes for explicit schemes.
 
 Friction: lambda_max(A D) H < 2. Spring: a zero-order hold over H adds a damping ratio of about -omega H / 4 under Gauss-Seidel, so the
-contact's own must be larger; omega^2 = lambda_max(A K). A is the operational-space inverse inertia at the contacts, which a rover
-offers as ``inverse_inertia[i,j]``; K and D come from the contacts' interface Jacobians.
+contact's own must be larger; omega^2 = lambda_max(A K). A is the operational-space inverse inertia at the contacts, from what a rover
+offers about its wheels' centres as ``inverse_inertia[i,j]``; K and D come from the contacts' interface Jacobians.
 """
 
 from __future__ import annotations
@@ -29,28 +29,34 @@ class StabilityGuard:
         self._warned: set[int] = set()
         at = {name: i for i, name in enumerate(rover.outputs)}
         elements = [(int(m[1]) - 1, int(m[2]) - 1, i) for n, i in at.items() if (m := _ELEMENT.fullmatch(n))]
-        self._size = 1 + max(row for row, _, _ in elements)
-        self._elements = elements
+        size = 1 + max(row for row, _, _ in elements)
+        self._elements = np.empty((size, size), dtype=int)
+        for row, column, i in elements:
+            self._elements[row, column] = i
+        n_wheels = max(wheel for _, _, wheel in contacts)
+        self._size = 3 * n_wheels
+        self._centres = np.array([[at[f"wheel[{i + 1}].r_0[{k}]"] for k in (1, 2, 3)] for i in range(n_wheels)])
         self._rover = rover
         self._contacts = []
         for slave, number, wheel in contacts:
             index = {name: i for i, name in enumerate(slave.outputs)}
             pick = lambda names, index=index: np.array([index[n] for n in names])  # noqa: E731
             axes = pick([f"contact[{number}].axes[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3)])
-            K, D = (pick([f"contact[{number}].{q}[{i}]" for i in (1, 2, 3)]) for q in "KD")
-            self._contacts.append((slave, wheel, axes, K, D))
+            K, D, point = (pick([f"contact[{number}].{q}[{i}]" for i in (1, 2, 3)]) for q in ("K", "D", "point_0"))
+            self._contacts.append((slave, wheel, axes, K, D, point))
 
     def check(self, t: float, h: float) -> None:
         """Warn about wheels whose contact, as it is at t, is not stable under an exchange every h [s]."""
-        A = np.zeros((self._size, self._size))
-        for row, column, i in self._elements:
-            A[row, column] = self._rover.y[i]
-        K, D = np.zeros_like(A), np.zeros_like(A)
-        for slave, wheel, axes, k, d in self._contacts:
+        K, D = np.zeros((self._size, self._size)), np.zeros((self._size, self._size))
+        to_points = np.zeros((self._size, len(self._elements)))
+        for slave, wheel, axes, k, d, point in self._contacts:
             R = slave.y[axes].reshape(3, 3)
             block = slice(3 * wheel - 3, 3 * wheel)
+            x, y, z = slave.y[point] - self._rover.y[self._centres[wheel - 1]]
+            to_points[block, 6 * wheel - 6 : 6 * wheel] = np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])
             K[block, block] += R.T @ np.diag(slave.y[k]) @ R
             D[block, block] += R.T @ np.diag(slave.y[d]) @ R
+        A = to_points @ self._rover.y[self._elements] @ to_points.T
         if not (A.any() and (K.any() or D.any())):
             return
         values, vectors = np.linalg.eigh(0.5 * (A + A.T))

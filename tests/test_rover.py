@@ -395,10 +395,10 @@ def test_inverse_inertia_of_a_wheel():
     # A brief force answers with it.
     r.u.wheel[0].f_0[:] = 3, 5, 7
     r.step(0, 1e-5)
-    v = np.concatenate([w["v_0"] for w in r.y.wheel])
+    v = np.concatenate([(*w["v_0"], *w["w_0"]) for w in r.y.wheel])
     r.initialise()
     r.step(0, 1e-5)
-    assert v / 1e-5 == pytest.approx(a @ (3, 5, 7, 0, 0, 0), rel=1e-3, abs=1e-6)
+    assert v / 1e-5 == pytest.approx(a @ (3, 5, 7, *[0] * 9), rel=2e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize(

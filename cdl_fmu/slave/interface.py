@@ -166,3 +166,67 @@ def body_wrench(n: int) -> Record:
             ),
         )
     )
+
+
+def body_support(n: int) -> Record:
+    """Interface Jacobian of each body's contact, in world axes: near the anchor its force changes by - K (x - x_a) - D (v - v_a) of the
+    body's material at ``point_0``, and its torque about that point by - K_r phi - D_r (w - w_a), phi being the rotation vector since then.
+    """
+    return Record(
+        support=Array(
+            n,
+            Record(
+                point_0=Real(0.0, "m", "Point at which the stiffness acts, resolved in world", (3,)),
+                K=Real(0.0, "N/m", "Stiffness along each world axis, opposing motion", (3,), min=0.0),
+                D=Real(0.0, "N.s/m", "Damping along each world axis, opposing motion", (3,), min=0.0),
+                K_r=Real(0.0, "N.m/rad", "Stiffness about each world axis through the point, opposing rotation", (3,), min=0.0),
+                D_r=Real(0.0, "N.m.s/rad", "Damping about each world axis through the point, opposing rotation", (3,), min=0.0),
+                in_contact=Real(0.0, "1", "1 while the body touches the ground, else 0", min=0.0, max=1.0),
+                anchor=_pose_and_twist("the body for which the wrench was evaluated; T = 0: no anchor is sent", T_start=0.0),
+            ),
+        )
+    )
+
+
+def n_pairs(n_wheels: int, n_bodies: int) -> int:
+    """Number of contacts between pairs of tools that a hard contact slave tells."""
+    return 4 * n_wheels + 3 * n_bodies
+
+
+def pair_contacts(n_wheels: int, n_bodies: int) -> Record:
+    """Wrenches on wheels and bodies from contacts with each other, and the interface Jacobian of these contacts, one for each pair.
+
+    Tools are counted from 1, wheels first. Near the anchors the force on tool ``on`` at ``point_0``, and its opposite on tool ``against``,
+    is F - K (x - x_a) - D (v - v_a) in ``axes``, x and v being those of the first against the second. What the pairs do not explain of
+    the wrenches acts as it is.
+    """
+    most = float(n_wheels + n_bodies)
+    pair = Record(
+        on=Real(0.0, "1", "Tool on which the force acts; 0 = no contact", (), 0.0, most),
+        against=Real(0.0, "1", "Tool on which its opposite acts; 0 = the ground, or what does not move", (), 0.0, most),
+        point_0=Real(0.0, "m", "Contact point, resolved in world", (3,)),
+        axes=Real(_IDENTITY, "1", "Rows: two tangents and the normal towards tool ``on``, resolved in world", (3, 3)),
+        F=Real(0.0, "N", "Contact force at the anchor, resolved in axes", (3,)),
+        K=Real(0.0, "N/m", "Stiffness along each axis, opposing motion", (3,), min=0.0),
+        D=Real(0.0, "N.s/m", "Damping along each axis, opposing motion", (3,), min=0.0),
+    )
+    anchor = _pose_and_twist("the tool, wheels first, for which the forces hold; T = 0: no anchor is sent", T_start=0.0)
+    return (
+        wheel_wrench(n_wheels)
+        | body_wrench(n_bodies)
+        | Record(pair=Array(n_pairs(n_wheels, n_bodies), pair), anchor=Array(n_wheels + n_bodies, anchor))
+    )
+
+
+def tool_twists(n_wheels: int, n_bodies: int) -> Record:
+    """What rigid contacts need of a multibody system, wheels first, then bodies: its inverse inertia at them, and where they are going."""
+    n, frames = n_wheels + n_bodies, "velocity, then angular velocity of each tool, resolved in world"
+    return Record(
+        inverse_inertia=Real(
+            0.0,
+            "1",  # of different units: 1/kg, 1/(kg.m), 1/(kg.m2)
+            f"Twist per impulse wrench about the tools' origins, of the step's own matrix J (M - H dF/dv)^-1 J' [SI]; {frames}",
+            (6 * n, 6 * n),
+        ),
+        free_twist=Real(0.0, "1", f"Twist [m/s, rad/s] at the end of the next step if all forces stay as they are; {frames}", (6 * n,)),
+    )
