@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from .slave.kernel import kernel
 from .slave.model import ModelError
 from .slave.records import Real, Record
 
@@ -26,3 +27,9 @@ def check_wheel(p) -> None:
         raise ModelError(
             f"n_g = {p.n_g:g}: grousers of t_g = {p.t_g:g} m fill more than the {around:.3g} m around their tips; use fewer or thinner"
         )
+
+
+@kernel
+def tip_radius(p):
+    """Radius [m] up to the tips of the grousers, on which a wheel stands on hard ground."""
+    return p.r_w + p.h_g if p.n_g > 0.0 else p.r_w

@@ -25,8 +25,8 @@ from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL, check_bearing, check_rho
 from ..strength import STRENGTH, STRENGTHS
+from ..terrain.follow import PLANE, TAU_N, follow_plane
 from ..terrain.patch import surface
-from ..terrain.plane import contact_plane
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
 from ..unloading import UNLOADING, unloading_of
 from ..wheel import WHEEL, check_wheel
@@ -34,13 +34,6 @@ from . import loads
 from .soil import Soil
 
 _OUTSIDE = 5
-
-#: Contact plane after the low-pass: points with normal . r_0 = offset.
-_PLANE = Record(
-    known=Real(0.0, "1", "1 while rays of the wheel hit the patch"),
-    normal=Real(0.0, "1", "Normal of the contact plane, resolved in world", (3,)),
-    offset=Real(0.0, "m", "Distance of the plane from the world's origin along its normal"),
-)
 
 
 class BCM(KernelModel):
@@ -78,7 +71,7 @@ class BCM(KernelModel):
             strength=STRENGTHS.starting_with("plates"),
             c_d=Real(1.9, "s/m", "Normal damping: stress grows by this times the sinking speed (1.9: 28 % of critical)", min=0.0, max=1e3),
             kappa_q=Real(0.0, "1", "Share of the rim's pressure that surcharges grouser faces and sides", min=0.0, max=1.0),
-            tau_n=Real(0.02, "s", "Time constant of the low-pass on the contact plane; used on a patch", min=0.0, max=10.0),
+            tau_n=TAU_N,
         )
     )
     events = WHEEL_EVENTS | {
@@ -101,7 +94,7 @@ class BCM(KernelModel):
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | patch_in(n_patches, n_compacted > 0)
         self.state = Record(
             wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))),
-            plane=Array(n_patches, _PLANE),
+            plane=Array(n_patches, PLANE),
         )
         self.outputs = wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels)
         self.initialise_kernel = _initialise_patches if n_patches else _initialise
@@ -160,11 +153,11 @@ def step_on_patches(compaction: bool):
         n_x, n_y, n_z, d = 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z
         if compaction:
             if patch.spacing > 0.0:
-                n_x, n_y, n_z, d = _follow_plane(p, wheel, patch, patch.sinkage, h, plane)
+                n_x, n_y, n_z, d = follow_plane(p, wheel, patch, patch.sinkage, h, plane)
             _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown)
         else:
             if patch.spacing > 0.0:
-                n_x, n_y, n_z, d = _follow_plane(p, wheel, patch, None, h, plane)
+                n_x, n_y, n_z, d = follow_plane(p, wheel, patch, None, h, plane)
             _contact(p, wheel, None, n_x, n_y, n_z, d, wrench, contact, shown)
 
     @kernel
@@ -190,28 +183,6 @@ def step_on_patches(compaction: bool):
         return status
 
     return step
-
-
-@kernel
-def _follow_plane(p, wheel, patch, sinkage, h, plane):
-    """Fit the contact plane and low-pass it over h [s]; returns its normal and the height of the wheel's centre above it [m]."""
-    r = wheel.r_0
-    radius = p.r_w + (p.h_g if p.n_g > 0.0 else 0.0)
-    found, n_x, n_y, n_z, m_x, m_y, m_z = contact_plane(patch, wheel, radius, p.b_w, sinkage)
-    if not found:
-        plane.known = 0.0
-        return 0.0, 0.0, 1.0, 2.0 * radius + p.b_w  # in the air
-    offset = dot(n_x, n_y, n_z, r[0] + m_x, r[1] + m_y, r[2] + m_z)
-    # Normal and offset in world axes: driving along one plane, however steep, has no lag.
-    keep = math.exp(-h / p.tau_n) if plane.known > 0.0 and p.tau_n > 0.0 else 0.0
-    normal = plane.normal
-    n_x, n_y, n_z = n_x + keep * (normal[0] - n_x), n_y + keep * (normal[1] - n_y), n_z + keep * (normal[2] - n_z)
-    offset += keep * (plane.offset - offset)
-    plane.known = 1.0
-    length = math.sqrt(dot(n_x, n_y, n_z, n_x, n_y, n_z))
-    normal[0], normal[1], normal[2] = n_x / length, n_y / length, n_z / length
-    plane.offset = offset / length
-    return normal[0], normal[1], normal[2], dot(normal[0], normal[1], normal[2], r[0], r[1], r[2]) - plane.offset
 
 
 @kernel
