@@ -20,8 +20,8 @@ from .friction import D_X, D_Y
 SOLVED, NO_WAY_ON, TOO_MANY_PIVOTS = range(3)
 
 ROW, COLUMN, PLACE = range(3)  # rows of the basis: variable of each row, variable of each column, row or column of each variable
-_LEAST_PIVOT = 1e-10  # own choice: rows are scaled to 1, and below this a coefficient is what rounding left of 0
-_TIE = 1e-12  # own choice: ratios that differ by less, in shares of the largest value at the start, are the same
+_LEAST_PIVOT = 1e-9  # own choice: rows are scaled to 1, and below this a coefficient is what rounding left of 0
+_ROUNDING = 3e-11  # own choice: values that differ by less, in shares of the largest one at the start, are the same
 
 
 @kernel
@@ -50,7 +50,8 @@ def lemke(n, G, b, target, mu, p, directions, tableau, basis):
         if tableau[i, size + 1] <= tableau[row, size + 1]:
             row = i
     left, pivots = _pivot(size, row, size, tableau, basis), 1
-    while left != 2 * size:
+    # z_0 of rounding left of 0 is as good as z_0 gone: where bodies are jammed, no pivot may be left that takes it out.
+    while left != 2 * size and tableau[basis[PLACE, 2 * size], size + 1] > _ROUNDING:
         if pivots >= 20 * size + 50:
             return TOO_MANY_PIVOTS, pivots
         column = basis[PLACE, left + size if left < size else left - size]
@@ -123,7 +124,7 @@ def _leaving(size, column, tableau, basis):
     found = -1
     for i in range(size):
         a = -tableau[i, column]
-        if a > _LEAST_PIVOT and max(tableau[i, size + 1], 0.0) <= (least + _TIE) * a:
+        if a > _LEAST_PIVOT and max(tableau[i, size + 1], 0.0) <= (least + _ROUNDING) * a:
             if basis[ROW, i] == 2 * size:
                 return i  # z_0 falls to 0: solved
             if found < 0 or _before(size, i, found, column, tableau, basis):

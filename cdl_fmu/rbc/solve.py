@@ -8,7 +8,7 @@ from ..slave.kernel import kernel
 from ..slave.model import ModelError
 from .friction import friction_directions
 from .lemke import SOLVED, lemke
-from .sweeps import gauss_seidel, residual, velocities
+from .sweeps import gauss_seidel, velocities
 
 BY_SWEEPS, BY_PIVOTS, UNSOLVED = range(3)
 
@@ -56,7 +56,14 @@ def solve(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions, kept, ta
     for i in range(3 * n):
         kept[i] = p[i]
     if lemke(n, G, b, target, mu, p, directions, tableau, basis)[0] == SOLVED:
-        more, off_lemke = gauss_seidel(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions)
+        # Sweeps from there take away what rounding left, where they are needed.
+        more, off_by_pivots = gauss_seidel(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions)
         sweeps += more
-        if off_lemke <= tolerance:
-            return BY_PIVOTS, sweeps, off_lemke
+        if off_by_pivots <= tolerance:
+            return BY_PIVOTS, sweeps, off_by_pivots
+        if off_by_pivots < off:
+            return UNSOLVED, sweeps, off_by_pivots
+    for i in range(3 * n):
+        p[i] = kept[i]
+    velocities(n, G, b, p, v)
+    return UNSOLVED, sweeps, off
