@@ -1,0 +1,1 @@
+"""RBC: rigid contact by impulses, a linear complementarity problem a step."""
