@@ -134,7 +134,7 @@ def _edges(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n):
 
 @kernel
 def _edge_at(i, radius, out, pose, meshes, j, e, place_, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n):
-    """A convex edge that runs along d through (x, y, z): on the rim's surface (out = 0), or on the circle at its left or right end (1, -1)."""
+    """A convex edge along d at (x, y, z): on the rim (out = 0), or on the circle at its left or right end (1, -1)."""
     rho = math.sqrt(x * x + z * z)
     if not abs(rho - radius) < margin or rho == 0.0:
         return n
