@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from ..frames import cross, dot
+from ..mesh.ray import highest
 from ..slave.kernel import kernel
 from .patch import add_sinkage, surface
 
@@ -18,8 +19,8 @@ _NORMALS = 0.1  # weight of a normal against that of a point one radius off the 
 
 
 @kernel
-def ray(patch, wheel, radius, width, i, j, sinkage=None):
-    """One ray: along index i in 0..8, across index j in 0..6.
+def ray(patch, wheel, radius, width, i, j, sinkage=None, ground=None):
+    """One ray: along index i in 0..8, across index j in 0..6; the other arguments are those of ``contact_plane``.
 
     Returns:
         weight (0 = no hit), hit point [m] relative to the wheel's centre (3), the soil's normal (3), rim point relative to the centre (3).
@@ -34,12 +35,19 @@ def ray(patch, wheel, radius, width, i, j, sinkage=None):
     xi = 0.5 * width * ((2.0 * j + 1.0) / RAYS_ACROSS - 1.0)
     out_x, out_y, out_z = sin * h_x - cos * up_x, sin * h_y - cos * up_y, -cos * up_z
     x, y, z = radius * out_x + xi * a_x, radius * out_y + xi * a_y, radius * out_z + xi * a_z
-    hit, height, slope_x, slope_y = surface(patch, r[0] + x, r[1] + y)
-    if sinkage is not None and hit:
-        height, slope_x, slope_y = add_sinkage(patch, sinkage, r[0] + x, r[1] + y, height, slope_x, slope_y)
+    hit, height, n_x, n_y, n_z = False, 0.0, 0.0, 0.0, 1.0
+    # numba leaves out what is None.
+    if patch is not None:
+        hit, height, slope_x, slope_y = surface(patch, r[0] + x, r[1] + y)
+        if sinkage is not None and hit:
+            height, slope_x, slope_y = add_sinkage(patch, sinkage, r[0] + x, r[1] + y, height, slope_x, slope_y)
+        scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        n_x, n_y, n_z = -slope_x * scale, -slope_y * scale, scale
+    if ground is not None:
+        met, height_g, g_x, g_y, g_z = highest(ground, r[0] + x, r[1] + y, r[2] + radius)
+        if met and not (hit and height_g <= height):
+            hit, height, n_x, n_y, n_z = True, height_g, g_x, g_y, g_z
     z_hit = height - r[2]
-    scale = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    n_x, n_y, n_z = -slope_x * scale, -slope_y * scale, scale
     weight = 0.0
     if hit and z_hit > z:
         facing = -dot(out_x, out_y, out_z, n_x, n_y, n_z)  # the wheel's normal points into the wheel
@@ -48,14 +56,18 @@ def ray(patch, wheel, radius, width, i, j, sinkage=None):
 
 
 @kernel
-def contact_plane(patch, wheel, radius, width, sinkage=None):
+def contact_plane(patch, wheel, radius, width, sinkage=None, ground=None):
     """Plane fitted to all rays that hit.
 
     Minimises over the unit normal n: sum w [n (x - mean x)]^2 / radius^2 - _NORMALS sum w (n n_i)^2, so n is the eigenvector of the
     smallest eigenvalue of a symmetric matrix.
 
     Args:
+        patch: Heights on which rays end; None = there are only meshes.
+        wheel: Record with r_0 [m] and T, world to body.
+        radius, width: Of the wheel [m].
         sinkage: That of the patch's nodes [m]: then rays end on the level from which it counts, not on the surface.
+        ground: ``mesh.ray.MeshGround`` on which rays end, too, from the height of the wheel's top; of all surfaces the highest counts.
 
     Returns:
         found (False if no ray hits), n (3), a point of the plane [m] relative to the wheel's centre (3).
@@ -65,7 +77,7 @@ def contact_plane(patch, wheel, radius, width, sinkage=None):
     n_xx = n_xy = n_xz = n_yy = n_yz = n_zz = 0.0
     for i in range(RAYS_ALONG):
         for j in range(RAYS_ACROSS):
-            w, x, y, z, n_x, n_y, n_z, _ = ray(patch, wheel, radius, width, i, j, sinkage)
+            w, x, y, z, n_x, n_y, n_z, _ = ray(patch, wheel, radius, width, i, j, sinkage, ground)
             if w <= 0.0:
                 continue
             total += w
