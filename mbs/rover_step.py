@@ -131,8 +131,11 @@ def _along(sign, axis, point, i, where, anchors, row):
 
 
 @kernel
-def _assemble(h, drives, dynamics, where, soil, hard, lifted, rows, n_rows, q_dot, A, forces):
-    """The step's matrix, factored, and the forces at its begin; False if there is no such step."""
+def _assemble(h, drives, dynamics, where, soil, hard, hard_acts, lifted, rows, n_rows, q_dot, A, forces):
+    """The step's matrix, factored, and the forces at its begin; False if there is no such step.
+
+    Unless ``hard_acts``, what hard contacts' wrenches hold beside their pairs, rigid impulses, is left out.
+    """
     gains, spins, steers, wheel_rate, steer_rate = drives
     mass, bias, moves = dynamics
     J = where[3]
@@ -151,16 +154,20 @@ def _assemble(h, drives, dynamics, where, soil, hard, lifted, rows, n_rows, q_do
     for i in range(n_wheels):
         if lifted[i] == 0.0:
             add_wrench(J[i], wheel_wrenches[i].f_0, wheel_wrenches[i].t_0, forces)
-        for p in range(len(hard_wheels)):
-            add_wrench(J[i], hard_wheels[p, i].f_0, hard_wheels[p, i].t_0, forces)
+        if hard_acts:
+            for p in range(len(hard_wheels)):
+                add_wrench(J[i], hard_wheels[p, i].f_0, hard_wheels[p, i].t_0, forces)
     for j in range(len(supports)):
         i = n_wheels + j
         if lifted[i] == 0.0:
             add_wrench(J[i], rock_wrenches[j].f_0, rock_wrenches[j].t_0, forces)
-        for p in range(len(hard_wheels)):
-            add_wrench(J[i], hard_rocks[p, j].f_0, hard_rocks[p, j].t_0, forces)
+        if hard_acts:
+            for p in range(len(hard_wheels)):
+                add_wrench(J[i], hard_rocks[p, j].f_0, hard_rocks[p, j].t_0, forces)
     for k in range(n_rows[0]):
         contact = int(rows[k, CONTACT])
+        if not hard_acts and contact >= n_wheels + len(supports):
+            rows[k, F] = 0.0  # what is left out holds it, too
         if lifted[contact] == 0.0:
             add_row(h, rows[k], A, forces)
         elif contact >= n_wheels + len(supports):  # of the others the whole wrench is left out
@@ -185,7 +192,7 @@ def advance(H, drives, dynamics, masses, where, soil, hard, anchors, lifted, row
         lifted[c] = 0.0
     _gather(h, masses, where, soil, hard, anchors, rows, n_rows)
     while True:
-        if not _assemble(h, drives, dynamics, where, soil, hard, lifted, rows, n_rows, q_dot, A, forces):
+        if not _assemble(h, drives, dynamics, where, soil, hard, True, lifted, rows, n_rows, q_dot, A, forces):
             return LOST
         forward(A, forces)
         backward(A, forces)
@@ -264,10 +271,10 @@ def _move_on(h, q, q_dot, n_rocks):
 
 @kernel
 def predict(H, drives, dynamics, masses, where, before, soil, hard, anchors, lifted, rows, n_rows, A, forces, room, q_dot, inverse, free):
-    """Inverse inertia of the next step's own matrix at all frames, and their twists at its end if forces stay as they are.
+    """Inverse inertia of the next step's own matrix at all frames, and their twists at its end without rigid impulses.
 
-    Forces that come with a Jacobian go on along it from the poses ``before`` the step just done, for which they were evaluated.
-    ``room`` [6 n, n_dof] is memory.
+    All other forces stay as they are; those that come with a Jacobian go on along it from the poses ``before`` the step just done, for
+    which they were evaluated. ``room`` [6 n, n_dof] is memory.
     """
     h = H[0]
     R, T, twists, J = where
@@ -276,7 +283,7 @@ def predict(H, drives, dynamics, masses, where, before, soil, hard, anchors, lif
     for c in range(lifted.size):
         lifted[c] = 0.0
     _gather(h, masses, where, soil, hard, anchors, rows, n_rows)
-    _assemble(h, drives, dynamics, where, soil, hard, lifted, rows, n_rows, q_dot, A, forces)
+    _assemble(h, drives, dynamics, where, soil, hard, False, lifted, rows, n_rows, q_dot, A, forces)
     forward(A, forces)
     for r in range(len(room)):
         for d in range(forces.size):

@@ -1,1 +1,5 @@
-"""RBC: rigid contact by impulses, a linear complementarity problem a step."""
+"""RBC: rigid body contact, impulses and a linear complementarity problem, for wheels on rock."""
+
+from .model import RBC
+
+__all__ = ["RBC"]

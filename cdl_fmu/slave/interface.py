@@ -190,7 +190,7 @@ def body_support(n: int) -> Record:
 
 def n_pairs(n_wheels: int, n_bodies: int) -> int:
     """Number of contacts between pairs of tools that a hard contact slave tells."""
-    return 4 * n_wheels + 3 * n_bodies
+    return 4 * (n_wheels + n_bodies)
 
 
 def pair_contacts(n_wheels: int, n_bodies: int) -> Record:
@@ -228,5 +228,10 @@ def tool_twists(n_wheels: int, n_bodies: int) -> Record:
             f"Twist per impulse wrench about the tools' origins, of the step's own matrix J (M - H dF/dv)^-1 J' [SI]; {frames}",
             (6 * n, 6 * n),
         ),
-        free_twist=Real(0.0, "1", f"Twist [m/s, rad/s] at the end of the next step if all forces stay as they are; {frames}", (6 * n,)),
+        free_twist=Real(
+            0.0,
+            "1",
+            f"Twist [m/s, rad/s] at the end of the next step without rigid impulses; {frames}",
+            (6 * n,),
+        ),
     )

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..contact import NO_DATA, WHEEL_EVENTS, has_pose, refusal, release, sees
-from ..slave.interface import contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
+from ..mesh.pool import CANDIDATES, MeshPool, tool_surfaces
+from ..mesh.tools import BODY, TOOL_EVENTS, TOOLS, tool_files, tool_inputs
+from ..slave.interface import contact_jacobian, diagnostics, pair_contacts, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, KernelModel
 from ..slave.records import Array, Choice, Real, Record
@@ -11,6 +15,7 @@ from ..soil import SOIL, check_bearing
 from ..terrain.follow import PLANE, TAU_N, follow_plane
 from ..terrain.patch import surface
 from ..wheel import WHEEL, check_wheel
+from .several import ARGUMENTS, initialise_bodies, step_on_bodies
 from .single import LINEAR, contact_with_plane
 
 _OUTSIDE = 5
@@ -33,6 +38,7 @@ class VEM(KernelModel):
         n_wheels: Number of wheels.
         n_patches: 0 for flat ground at ``ground_z``, or n_wheels: patch i is the ground of wheel i, and its contact plane is fitted
             in it as in Fig. 8.4.
+        n_bodies: Number of bodies, such as rocks, that are met in several points, by wheels and by each other; then there is no ground.
     """
 
     parameters = (
@@ -55,11 +61,17 @@ class VEM(KernelModel):
         ),
     }
 
-    def __init__(self, n_wheels: int = 1, n_patches: int = 0):
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0):
         if n_patches not in (0, n_wheels):
             raise ValueError(f"n_patches = {n_patches}: choose 0 (flat ground) or {n_wheels} (a patch for each wheel)")
-        super().__init__(n_wheels=n_wheels, n_patches=n_patches)
-        self.identifier = f"cdl_vem_w{n_wheels}" + (f"p{n_patches}" if n_patches else "")
+        if n_patches and n_bodies:
+            raise ValueError(f"n_patches = {n_patches}, n_bodies = {n_bodies}: wheels stand on patches or on bodies; choose one")
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies)
+        sizes = {"p": n_patches, "b": n_bodies}
+        self.identifier = f"cdl_vem_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
+        if n_bodies:
+            self._meet(n_wheels, n_bodies)
+            return
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | patch_in(n_patches)
         self.state = Record(
             wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))),
@@ -68,6 +80,26 @@ class VEM(KernelModel):
         self.outputs = wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels)
         self.initialise_kernel = _initialise_patches if n_patches else _initialise
         self.step_kernel = _step_on_patches if n_patches else _step
+
+    def _meet(self, n_wheels: int, n_bodies: int) -> None:
+        """Declare a model whose wheels meet bodies."""
+        flat = ("ground_z", "tau_n", "k", "damping_ratio", "mu", "mu_static")  # of the ground, or each body's own
+        own = {name: VEM.parameters.fields[name] for name in ("k", "damping_ratio", "mu_static")}
+        others = {name: field for name, field in VEM.parameters.fields.items() if name not in flat and name not in TOOLS.fields}
+        self.parameters = TOOLS | Record(**others) | Record(body=Array(n_bodies, BODY | Record(**own)))
+        self.files = tool_files(n_bodies)
+        self.events = TOOL_EVENTS
+        self.pool_class = MeshPool
+        self.inputs = tool_inputs(n_wheels, n_bodies)
+        self.state = Record(wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))))
+        self.outputs = pair_contacts(n_wheels, n_bodies) | diagnostics(n_wheels)
+        self.arguments = ARGUMENTS
+        self.initialise_kernel, self.step_kernel = initialise_bodies, step_on_bodies
+
+    def make_pool(self, p, files) -> MeshPool | None:
+        if self.sizes["n_bodies"]:
+            return MeshPool(tool_surfaces(p, self.sizes["n_bodies"], files), (np.zeros(CANDIDATES),))
+        return None
 
     def check(self, p) -> None:
         check_wheel(p)
