@@ -6,23 +6,29 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cdl_fmu.bcm import BCM
+from cdl_fmu.rbc import RBC
 from cdl_fmu.scm import SCM
 from cdl_fmu.slave.model import KernelModel, Model, ModelError
+from cdl_fmu.vem import VEM
 from mbs.carriage import Carriage
 from mbs.driver import Driver
 from mbs.rover import Rover
 
 #: Name of a tier in experiments -> its model.
-TIERS = {"BCM": BCM, "SCM": SCM}
+TIERS = {"BCM": BCM, "SCM": SCM, "VEM": VEM}
+
+#: Name of a tier for rocks -> its model, of wheels and rocks.
+ROCK_TIERS = {"RBC": lambda n_wheels, n_bodies: RBC(n_wheels, n_bodies), "VEM": lambda n_wheels, n_bodies: VEM(n_wheels, 0, n_bodies)}
 
 #: Every FMU that is shipped, one for each set of sizes.
 SHIPPED = [
     *(BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), BCM(1, 1, 1)),
     *(SCM(1), SCM(2), SCM(1, 1), SCM(1, 1, n_compacted=1)),
+    *(VEM(1), VEM(2), VEM(2, 0, 3), RBC(2, 3)),
     *(Rover(2), Driver(2), Carriage(1)),
 ]
 
-_FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
+_FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_vem": VEM, "cdl_rbc": RBC, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
 _SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted", "h": "n_hard"}
 
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.
@@ -53,19 +59,24 @@ def model_of(identifier: str) -> Model:
     shipped = ", ".join(model.identifier for model in SHIPPED)
     raise ModelError(
         f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p), patches with "
-        "compaction (c) and bodies (b) others can be built, such as cdl_scm_w4p2b1"
+        "compaction (c), bodies (b) and, of the rover, hard contacts (h) others can be built, such as cdl_scm_w4p2b1"
     )
 
 
-def contacts(tiers: Iterable[str], compaction: bool = False) -> dict[str, KernelModel]:
+def contacts(tiers: Iterable[str], compaction: bool = False, n_rocks: int = 0) -> dict[str, KernelModel]:
     """The model of each tier for wheels on these tiers, in an order in which each needs the outputs of earlier ones alone.
 
-    Where SCM carries a wheel it owns the soil, and the wheels of other tiers stand on patches of it, which say what pressed the
-    soil before if ``compaction`` is wanted.
+    Where SCM carries a wheel it owns the soil, in which rocks lie, and the wheels of other tiers stand on patches of it, which say what
+    pressed the soil before if ``compaction`` is wanted.
     """
     wheels = Counter(tiers)
-    n_scm, n_bcm = wheels["SCM"], wheels["BCM"]
-    n_patches = n_bcm if n_scm else 0
-    n_compacted = n_patches if compaction else 0
-    numbers = {"SCM": n_scm, "BCM": n_bcm}
-    return {tier: TIERS[tier](n, n_patches, n_compacted=n_compacted) for tier, n in numbers.items() if n}
+    n_scm, n_bcm, n_vem = wheels["SCM"], wheels["BCM"], wheels["VEM"]
+    n_compacted = n_bcm if compaction and n_scm else 0
+    models: dict[str, KernelModel] = {}
+    if n_scm:
+        models["SCM"] = SCM(n_scm, n_bcm + n_vem, n_rocks, n_compacted)
+    if n_bcm:
+        models["BCM"] = BCM(n_bcm, n_bcm if n_scm else 0, n_compacted)
+    if n_vem:
+        models["VEM"] = VEM(n_vem, n_vem if n_scm else 0)
+    return models
