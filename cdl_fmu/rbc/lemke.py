@@ -93,8 +93,8 @@ def _fill(n, G, b, target, mu, directions, tableau):
                 x, y = s_f * directions[m, D_X], s_f * directions[m, D_Y]
                 tableau[r + 1 + m, k] = t_n * (x * G[i + 1, j] + y * G[i + 2, j])
                 a_x, a_y = t_f * (x * G[i + 1, j + 1] + y * G[i + 2, j + 1]), t_f * (x * G[i + 1, j + 2] + y * G[i + 2, j + 2])
-                for l in range(n_d):
-                    tableau[r + 1 + m, k + 1 + l] = a_x * directions[l, D_X] + a_y * directions[l, D_Y]
+                for o in range(n_d):
+                    tableau[r + 1 + m, k + 1 + o] = a_x * directions[o, D_X] + a_y * directions[o, D_Y]
                 tableau[r + 1 + m, k + n_d + 1] = 0.0
         tableau[r + n_d + 1, r] = mu[c] * s_n / s_f
         tableau[r, size + 1] = s_n * (b[i] - target[c])
@@ -134,12 +134,12 @@ def _leaving(size, column, tableau, basis):
 
 @kernel
 def _before(size, i, other, column, tableau, basis):
-    """True if row i falls to 0 before the other one when w_0, w_1, ... of the start are raised by small numbers, each far below the last."""
+    """True if row i falls to 0 before the other one when w_0, w_1, ... are raised at the start, each by far less than the last one."""
     a, a_other = tableau[i, column], tableau[other, column]
     for k in range(size):
         place = basis[PLACE, k]
         if basis[ROW, place] == k:
-            if place == i or place == other:
+            if place in (i, other):
                 return place == other
         else:
             share, share_other = tableau[i, place] / a, tableau[other, place] / a_other

@@ -1,4 +1,4 @@
-"""Impulses of rigid contacts in one time step: sweeps from the impulses of the last step, and Lemke's method where they do not get there."""
+"""Impulses of rigid contacts in one time step: sweeps from those of the last step, and Lemke's method where they do not get there."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def solve(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions, kept, ta
         sweeps += more
         if off_by_pivots <= tolerance:
             return BY_PIVOTS, sweeps, off_by_pivots
-        if off_by_pivots < off:
+        if off_by_pivots < off or off != off:
             return UNSOLVED, sweeps, off_by_pivots
     for i in range(3 * n):
         p[i] = kept[i]
