@@ -10,7 +10,6 @@ from cdl_fmu.rbc.solve import BY_PIVOTS, BY_SWEEPS, UNSOLVED, scratch, solve
 from cdl_fmu.rbc.sweeps import gauss_seidel, residual, velocities
 from cdl_fmu.slave.model import ModelError
 
-
 GRAVITY, H = 9.81, 1e-3
 SLIDING = GRAVITY * H  # [m/s] what gravity makes in a step
 
