@@ -7,12 +7,14 @@ With z = (lambda_n, lambda_f, sigma) and w = M z + q of each contact, 0 <= w _|_
         | mu  -E'  0 |        | 0            |
 
 (N, ND, ... are rows and columns of G along normals and friction directions). M is copositive for mu >= 0, so the method ends at a solution
-wherever the targets can be reached (Anitescu & Potra 1997, theorem 2.4; Cottle, Pang & Stone 1992, section 4.4).
+wherever the targets can be reached (Anitescu & Potra 1997; Cottle, Pang & Stone 1992, section 4.4).
 """
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from ..slave.kernel import kernel
 from .friction import D_X, D_Y
@@ -45,7 +47,7 @@ def lemke(n, G, b, target, mu, p, directions, tableau, basis):
     basis[ROW, size], basis[COLUMN, size] = -1, 2 * size  # one column more than rows
     basis[PLACE, 2 * size] = size
     # z_0 enters for the most negative row; of equal ones the last, as the first has the largest symbolic perturbation.
-    row = 0
+    row = np.int64(0)
     for i in range(size):
         if tableau[i, size + 1] <= tableau[row, size + 1]:
             row = i
@@ -121,7 +123,7 @@ def _leaving(size, column, tableau, basis):
             least = min(least, max(tableau[i, size + 1], 0.0) / a)
     if least == math.inf:
         return -1
-    found = -1
+    found = np.int64(-1)
     for i in range(size):
         a = -tableau[i, column]
         if a > _LEAST_PIVOT and max(tableau[i, size + 1], 0.0) <= (least + _ROUNDING) * a:
