@@ -7,12 +7,14 @@ With z = (lambda_n, lambda_f, sigma) and w = M z + q of each contact, 0 <= w _|_
         | mu  -E'  0 |        | 0            |
 
 (N, ND, ... are rows and columns of G along normals and friction directions). M is copositive for mu >= 0, so the method ends at a solution
-wherever the targets can be reached (Anitescu & Potra 1997, theorem 2.4; Cottle, Pang & Stone 1992, section 4.4).
+wherever the targets can be reached (Anitescu & Potra 1997; Cottle, Pang & Stone 1992, section 4.4).
 """
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from ..slave.kernel import kernel
 from .friction import D_X, D_Y
@@ -45,7 +47,7 @@ def lemke(n, G, b, target, mu, p, directions, tableau, basis):
     basis[ROW, size], basis[COLUMN, size] = -1, 2 * size  # one column more than rows
     basis[PLACE, 2 * size] = size
     # z_0 enters for the most negative row; of equal ones the last, as the first has the largest symbolic perturbation.
-    row = 0
+    row = np.int64(0)
     for i in range(size):
         if tableau[i, size + 1] <= tableau[row, size + 1]:
             row = i
@@ -93,8 +95,8 @@ def _fill(n, G, b, target, mu, directions, tableau):
                 x, y = s_f * directions[m, D_X], s_f * directions[m, D_Y]
                 tableau[r + 1 + m, k] = t_n * (x * G[i + 1, j] + y * G[i + 2, j])
                 a_x, a_y = t_f * (x * G[i + 1, j + 1] + y * G[i + 2, j + 1]), t_f * (x * G[i + 1, j + 2] + y * G[i + 2, j + 2])
-                for l in range(n_d):
-                    tableau[r + 1 + m, k + 1 + l] = a_x * directions[l, D_X] + a_y * directions[l, D_Y]
+                for o in range(n_d):
+                    tableau[r + 1 + m, k + 1 + o] = a_x * directions[o, D_X] + a_y * directions[o, D_Y]
                 tableau[r + 1 + m, k + n_d + 1] = 0.0
         tableau[r + n_d + 1, r] = mu[c] * s_n / s_f
         tableau[r, size + 1] = s_n * (b[i] - target[c])
@@ -121,7 +123,7 @@ def _leaving(size, column, tableau, basis):
             least = min(least, max(tableau[i, size + 1], 0.0) / a)
     if least == math.inf:
         return -1
-    found = -1
+    found = np.int64(-1)
     for i in range(size):
         a = -tableau[i, column]
         if a > _LEAST_PIVOT and max(tableau[i, size + 1], 0.0) <= (least + _ROUNDING) * a:
@@ -134,12 +136,12 @@ def _leaving(size, column, tableau, basis):
 
 @kernel
 def _before(size, i, other, column, tableau, basis):
-    """True if row i falls to 0 before the other one when w_0, w_1, ... of the start are raised by small numbers, each far below the last."""
+    """True if row i falls to 0 before the other one when w_0, w_1, ... are raised at the start, each by far less than the last one."""
     a, a_other = tableau[i, column], tableau[other, column]
     for k in range(size):
         place = basis[PLACE, k]
         if basis[ROW, place] == k:
-            if place == i or place == other:
+            if place in (i, other):
                 return place == other
         else:
             share, share_other = tableau[i, place] / a, tableau[other, place] / a_other

@@ -1,4 +1,4 @@
-"""Impulses of rigid contacts in one time step: sweeps from the impulses of the last step, and Lemke's method where they do not get there."""
+"""Impulses of rigid contacts in one time step: sweeps from those of the last step, and Lemke's method where they do not get there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..slave.kernel import kernel
 from ..slave.model import ModelError
 from .friction import friction_directions
 from .lemke import SOLVED, lemke
-from .sweeps import gauss_seidel, velocities
+from .sweeps import gauss_seidel, residual, velocities
 
 BY_SWEEPS, BY_PIVOTS, UNSOLVED = range(3)
 
@@ -47,8 +47,8 @@ def solve(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions, kept, ta
         directions, kept, tableau, basis: As :func:`scratch` makes them.
 
     Returns:
-        ``BY_SWEEPS``, ``BY_PIVOTS`` or ``UNSOLVED`` (the residual is above the tolerance: p is the better one of both), sweeps made in all,
-        and the residual [m/s].
+        ``BY_SWEEPS``, ``BY_PIVOTS`` or ``UNSOLVED`` (the residual is above the tolerance; p is the better of what both found), sweeps made
+        in all, and the residual [m/s].
     """
     sweeps, off = gauss_seidel(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions)
     if off <= tolerance:
@@ -56,13 +56,17 @@ def solve(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions, kept, ta
     for i in range(3 * n):
         kept[i] = p[i]
     if lemke(n, G, b, target, mu, p, directions, tableau, basis)[0] == SOLVED:
-        # Sweeps from there take away what rounding left, where they are needed.
-        more, off_by_pivots = gauss_seidel(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions)
+        velocities(n, G, b, p, v)
+        off_by_pivots = residual(n, G, target, mu, p, v, directions)
+        if off_by_pivots < off or off != off:
+            off = off_by_pivots
+            for i in range(3 * n):
+                kept[i] = p[i]
+        # Sweeps from there take away what rounding left, where it is too much.
+        more, off_swept = gauss_seidel(n, G, b, target, mu, p, v, tolerance, max_sweeps, directions)
         sweeps += more
-        if off_by_pivots <= tolerance:
-            return BY_PIVOTS, sweeps, off_by_pivots
-        if off_by_pivots < off:
-            return UNSOLVED, sweeps, off_by_pivots
+        if off_swept <= tolerance:
+            return BY_PIVOTS, sweeps, off_swept
     for i in range(3 * n):
         p[i] = kept[i]
     velocities(n, G, b, p, v)
