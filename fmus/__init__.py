@@ -28,7 +28,15 @@ SHIPPED = [
     *(Rover(2), Driver(2), Carriage(1)),
 ]
 
-_FAMILIES = {"cdl_bcm": BCM, "cdl_scm": SCM, "cdl_vem": VEM, "cdl_rbc": RBC, "cdl_rover": Rover, "cdl_driver": Driver, "cdl_carriage": Carriage}
+_FAMILIES = {
+    "cdl_bcm": BCM,
+    "cdl_scm": SCM,
+    "cdl_vem": VEM,
+    "cdl_rbc": RBC,
+    "cdl_rover": Rover,
+    "cdl_driver": Driver,
+    "cdl_carriage": Carriage,
+}
 _SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted", "h": "n_hard"}
 
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.

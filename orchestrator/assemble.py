@@ -7,11 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from cdl_fmu.slave.build import cached_fmu
+from cdl_fmu.slave.interface import n_pairs
 from cdl_fmu.slave.model import Instance
 from cdl_fmu.slave.records import Choice
 
-from .rigs import start
+from .rigs import ground_under, start
+from .rocks import ROCKS, place
 from .settle import Wires
 from .ssp import Connection, write_system
 
@@ -50,7 +54,7 @@ def assemble(experiment) -> Assembly:
     Raises ModelError if values do not fit together.
     """
     rig, instances = experiment.rig, experiment.instances()
-    mover, connections = instances[rig.mover], []
+    mover, connections, n_rocks = instances[rig.mover], [], len(experiment.rocks)
     for other in rig.parts:
         if other != rig.mover:
             connections += _connect(rig.mover, mover, other, instances[other]) + _connect(other, instances[other], rig.mover, mover)
@@ -62,18 +66,39 @@ def assemble(experiment) -> Assembly:
         others = [i for i in range(len(rig.tiers)) if i not in wheels]
         own = {f"{port}[{j + 1}]": f"{port}[{i + 1}]" for i, j in enumerate(wheels) for port in ("wheel", "contact")}
         trailing = {f"wheel[{j + 1}]": f"trailing[{k + 1}]" for k, j in enumerate(others)}
-        connections += _connect(rig.mover, mover, name, instance, own | trailing)
-        connections += _connect(name, instance, rig.mover, mover, {there: here for here, there in own.items()})
+        bodies = {
+            f"{rock}[{j + 1}]": f"{body}[{j + 1}]" for j in range(n_rocks) for rock, body in (("rock", "body"), ("support", "support"))
+        }
+        connections += _connect(rig.mover, mover, name, instance, own | trailing | bodies)
+        connections += _connect(name, instance, rig.mover, mover, {there: here for here, there in (own | bodies).items()})
         for before, (other, _) in contacts.items():
             connections += _connect(before, other, name, instance)
         contacts[name] = instance, wheels
+    if n_rocks:
+        connections += _connect_rocks(rig.mover, mover, instances[ROCKS], len(rig.tiers), n_rocks)
+        ground = ground_under(contacts, np.array([(rock.values["x"], rock.values["y"]) for rock in experiment.rocks]))
+        place(experiment.rocks, mover, ground)
     start(rig, mover, contacts, Wires(instances, connections), experiment.start_is_given)
     settings = experiment.settings
     return Assembly(experiment.name, instances, connections, settings.stop_time, settings.step)
 
 
+def _connect_rocks(mover: str, rover: Instance, rocks: Instance, n_wheels: int, n_rocks: int) -> list[Connection]:
+    """Connections of a rover and the contact of its wheels with rocks."""
+    poses = {f"wheel[{i + 1}]": f"wheel[{i + 1}]" for i in range(n_wheels)} | {f"rock[{j + 1}]": f"body[{j + 1}]" for j in range(n_rocks)}
+    answers = {
+        f"{port}[{k + 1}]": f"hard[1].{port}[{k + 1}]"
+        for port, number in (("wheel", n_wheels), ("body", n_rocks), ("pair", n_pairs(n_wheels, n_rocks)), ("anchor", n_wheels + n_rocks))
+        for k in range(number)
+    }
+    there = _connect(mover, rover, ROCKS, rocks, poses)
+    if "inverse_inertia" in rocks.model.inputs.fields:
+        rover.set_parameter("with_inverse_inertia", "on")
+    return there + _connect(ROCKS, rocks, mover, rover, answers)
+
+
 def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[str, str] | None = None) -> list[Connection]:
-    """Connect outputs of a to the inputs of b that have the same name; where ``ports`` are given, those of wheels and contacts by them.
+    """Connect outputs of a to the inputs of b that have the same name; where ``ports`` are given, those of wheels and bodies by them.
 
     ``ports`` maps ports of a to ports of b, ``{"wheel[2]": "trailing[1]"}``; a port of a that is not in it is left alone.
     """
@@ -81,7 +106,7 @@ def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[
     connections = []
     for scalar in a.model.scalars["y"]:
         name = scalar.name
-        if ports is not None and (port := re.match(r"(wheel|contact)\[\d+\]", name)):
+        if ports is not None and (port := re.match(r"(wheel|contact|rock|body|support|pair|anchor)\[\d+\]", name)):
             if port[0] not in ports:
                 continue
             name = ports[port[0]] + name[port.end() :]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +18,13 @@ from cdl_fmu.slave.records import Choice, Real, Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
 from cdl_fmu.unloading import UNLOADING
 from cdl_fmu.wheel import WHEEL
-from fmus import EXPERIMENTS, TIERS, contacts
+from fmus import EXPERIMENTS, ROCK_TIERS, TIERS, contacts
 
 from . import soil_range
 from .assemble import assemble
 from .keys import flat, joined, within
-from .rigs import TESTBED, Rig, rig_of
+from .rigs import ROVER, TESTBED, Rig, rig_of
+from .rocks import MESH, ROCK, ROCKS, Rock, make_rock
 from .schemes import SCHEMES
 
 #: The [run] section.
@@ -125,9 +127,7 @@ def _read(source: str | Path, tiers: Sequence[str] | None, soil: str | Path | No
         *sections, last = key.split(".")
         table = tables
         for section in sections:
-            table = table.setdefault(section, {})
-            if not isinstance(table, dict):
-                raise ExperimentError(f"{option}: {section} is a value, not a section")
+            table = _section_of(table, section, option)
         table[last] = value
         options[key] = option
 
@@ -146,6 +146,19 @@ def _read(source: str | Path, tiers: Sequence[str] | None, soil: str | Path | No
     return path, text, tables, options, rig
 
 
+def _section_of(table: dict, section: str, option: str) -> dict:
+    """The section of a table, made if there is none; ``rock[2]`` is the second [[rock]]."""
+    if counted := re.fullmatch(r"(\w+)\[(\d+)\]", section):
+        each = table.get(counted[1], [])
+        if not isinstance(each, list) or not 0 < int(counted[2]) <= len(each):
+            raise ExperimentError(f"{option}: there is no [[{counted[1]}]] of number {counted[2]} in the experiment")
+        return each[int(counted[2]) - 1]
+    found = table.setdefault(section, {})
+    if not isinstance(found, dict):
+        raise ExperimentError(f"{option}: {section} is a value, not a section")
+    return found
+
+
 class Experiment:
     """An experiment whose every value has been checked against the records of its models.
 
@@ -154,23 +167,30 @@ class Experiment:
         settings: The [run] section.
         rig: What moves its wheels.
         tiers: Wheel -> tier.
+        rocks, rock_tier: Rocks, and the tier on which they meet wheels and each other.
     """
 
     def __init__(self, path: Path, text: str, tables: Mapping, options: Mapping[str, str], rig: Rig):
         self.name, self.text = path.stem, text
         self._file, self._folder, self._options, self.rig = path.name, path.parent, options, rig
-        outside = {"title", *rig.tiers.values(), *rig.keys.fields}  # of all sections
+        outside = {"title", *rig.tiers.values(), *rig.keys.fields, "rock"}  # of all sections
         for key, value in tables.items():
             if key not in outside and not isinstance(value, Mapping):
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
+        self.rocks, self.rock_tier = self._rocks(tables)
+        n = len(self.rocks)
         #: part -> its model
         self._models = {part: kind() for part, kind in rig.parts.items()}
         tables, self._compaction = self._structure(tables)
-        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction).items()}
+        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction, n).items()}
+        if n:
+            self._models[rig.mover] = rig.parts[rig.mover](len(rig.tiers), n, 1)
+            self._models[ROCKS] = ROCK_TIERS[self.rock_tier](len(rig.tiers), n)
         models = _models(rig) | self._models
         self._records = _sections(rig, models)
+        tables = {key: value for key, value in tables.items() if key not in ("rock", "rocks")}
         self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
@@ -200,13 +220,21 @@ class Experiment:
         for name, model in self._models.items():
             made[name] = Instance(model, name)
             own = {s.name for s in model.scalars["p"]}
-            made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values[name])
+            made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values.get(name, {}))
+            if name == ROCKS:
+                tier = {k: v for k, v in self._values[self.rock_tier.lower()].items() if k in own or k in model.files}
+                made[name].set_starts(tier)
+                for j, rock in enumerate(self.rocks, 1):
+                    made[name].set_starts(rock.hard_values(j, model.parameters.fields["body"].record))
+            for j, rock in enumerate(self.rocks, 1):
+                if f"body[{j}].mesh" in model.files:
+                    made[name].set_starts({f"body[{j}].mesh": str(rock.path)})
             try:
                 model.check(made[name].p)
             except ModelError as error:
                 key = str(error).split(" = ")[0]
-                sections = (name, "soil", "wheel", "environment")
-                section = next((s for s in sections if key in (x.name for x in self._records[s].scalars())), name)
+                sections = (self.rock_tier.lower() if name == ROCKS else name, "soil", "wheel", "environment")
+                section = next((s for s in sections if key in (x.name for x in self._records[s].scalars())), sections[0])
                 raise ExperimentError(f"{self._place(section, key.split('[')[0])}: {section}.{error}") from error
         return made
 
@@ -252,6 +280,34 @@ class Experiment:
         scm, bcm = self._values["scm"], self._values["bcm"]
         unloading = {name: (f.unit, scm.get(name, f.start), bcm.get(name, f.start)) for name, f in UNLOADING.fields.items()}
         return [f"{self._file}: {text}" for text in soil_range.laws_apart(unloading, scm_scales=self._scm_scales())]
+
+    def _rocks(self, tables: Mapping) -> tuple[list[Rock], str]:
+        """The rocks, and the tier on which they meet wheels."""
+        given, section = tables.get("rock", []), tables.get("rocks", {})
+        if not isinstance(given, list):
+            raise ExperimentError(f"{self._place('rock', '')}: write each rock as a section [[rock]], with two brackets")
+        tier = section.get("tier", next(iter(ROCK_TIERS))) if isinstance(section, Mapping) else section
+        if tier not in ROCK_TIERS:
+            where = self._place("rocks", "tier")
+            raise ExperimentError(f"{where}: rocks.tier = {tier!r} is unknown; use one of {', '.join(ROCK_TIERS)}")
+        if given and self.rig is not ROVER:
+            raise ExperimentError(f"{self._place('rock[1]', '')}: rocks need a rover; a testbed's carriage has a single wheel on soil")
+        rocks = []
+        for j, table in enumerate(given, 1):
+            name = f"rock[{j}]"
+            values = self._section(name, ROCK, MESH, {key: _choice(value) for key, value in table.items()})
+            mesh = str(values.pop("mesh", ""))
+            try:
+                rocks.append(make_rock(values, mesh))
+            except ModelError as error:
+                raise ExperimentError(f"{self._place(name, str(error).split(' = ')[0])}: {name}.{error}") from None
+            is_fixed = rocks[-1].values["fixed"] == ROCK.fields["fixed"].value("on")
+            if "SCM" not in self.tiers.values() and not is_fixed:
+                raise ExperimentError(
+                    f"{self._place(name, 'fixed')}: {name}.fixed = false: no wheel is on SCM, so there is no soil to bear the rock; set "
+                    "fixed = true, or put a wheel on SCM"
+                )
+        return rocks, tier
 
     def _structure(self, tables: Mapping) -> tuple[dict, bool]:
         """Tables without what decides which models are taken, ``bcm.compaction``, and that."""
@@ -360,9 +416,13 @@ class Experiment:
             if within(given, path) or within(path, given):
                 return option
         current = ""
+        seen = Counter()
         for number, line in enumerate(self.text.splitlines(), 1):
-            if header := re.match(r"\s*\[([^\]]+)\]", line):
+            if header := re.match(r"\s*\[+([^\[\]]+)\]", line):
                 current = header[1]
+                if line.lstrip().startswith("[["):
+                    seen[current] += 1
+                    current = f"{current}[{seen[current]}]"
                 found = within(current, path)
             elif assigned := re.match(r"\s*([\w.\"]+)\s*=", line):
                 given = f"{current}.{assigned[1]}".lstrip(".")
@@ -374,15 +434,29 @@ class Experiment:
         return self._file
 
 
+def _choice(value):
+    """``true`` and ``false`` of a file as choices have them."""
+    return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+
+
 def _models(rig: Rig) -> dict[str, Model]:
     """A model of each part and of each tier, so that one file serves runs on any of them."""
-    return {name: kind() for name, kind in (*rig.parts.items(), *((tier.lower(), kind) for tier, kind in TIERS.items()))}
+    return {
+        **{part: kind() for part, kind in rig.parts.items()},
+        **{tier.lower(): kind(len(rig.tiers), 1) for tier, kind in ROCK_TIERS.items()},
+        **{tier.lower(): kind() for tier, kind in TIERS.items()},
+    }
 
 
 def _sections(rig: Rig, models: Mapping[str, Model]) -> dict[str, Record]:
     """Section -> what it holds."""
     elsewhere = {*(ENVIRONMENT | SOIL | WHEEL).fields, *rig.given}
-    own = {part: Record(**{k: f for k, f in model.parameters.fields.items() if k not in elsewhere}) for part, model in models.items()}
+    elsewhere |= {"rock"}
+    rocks = {tier.lower(): kind(len(rig.tiers), 1).parameters.fields for tier, kind in ROCK_TIERS.items()}
+    own = {
+        part: Record(**{k: f for k, f in (rocks.get(part, {}) | model.parameters.fields).items() if k not in elsewhere})
+        for part, model in models.items()
+    }
     return {"run": RUN, "environment": ENVIRONMENT, "soil": SOIL, "wheel": WHEEL, **own}
 
 

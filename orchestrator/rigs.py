@@ -149,7 +149,7 @@ def start(rig: Rig, mover: Instance, contacts: Contacts, wires: Wires, is_given:
     """
     mover.initialise()
     centres = np.array(mover.y["wheel"]["r_0"])
-    ground = _ground(contacts, centres)
+    ground = ground_under(contacts, centres)
     if is_given:
         r_w = float(next(iter(contacts.values()))[0].p.r_w)
         for name, z, low in zip(rig.tiers, centres[:, 2], ground):
@@ -167,7 +167,7 @@ def start(rig: Rig, mover: Instance, contacts: Contacts, wires: Wires, is_given:
         contact.initialise()
 
 
-def _ground(contacts: Contacts, points: np.ndarray) -> np.ndarray:
+def ground_under(contacts: Contacts, points: np.ndarray) -> np.ndarray:
     """Heights [m] of the undisturbed ground at points [n, 2 or more]."""
     (first, p), *rest = ((name, contact.p) for name, (contact, _) in contacts.items())
     for name, other in rest:

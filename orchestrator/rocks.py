@@ -18,6 +18,9 @@ from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Real, Record
 from cdl_fmu.vem import VEM
 
+#: Name of the part that is the contact of wheels and rocks.
+ROCKS = "rocks"
+
 #: What a hard contact model may ask of each body.
 _HARD = {name: field for model in (RBC(1, 1), VEM(1, 0, 1)) for name, field in model.parameters.fields["body"].record.fields.items()}
 #: Keys of a [[rock]].
