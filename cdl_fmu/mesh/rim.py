@@ -8,6 +8,7 @@ from ..frames import cross, dot, resolve1
 from ..slave.kernel import kernel
 from .contacts import AMOUNTS, KINDS, RIM_EDGE, RIM_FACE, RIM_VERTEX, add, moved, moved_back, place, turned, turned_back
 from .edges import within_cone
+from .nearest import OPPOSES
 from .surface import CORNERS, ENDS
 from .tree import FIRST_EDGE, FIRST_TRIANGLE, FIRST_VERTEX, LAST_EDGE, LAST_TRIANGLE, LAST_VERTEX, RIGHT
 
@@ -101,7 +102,7 @@ def _vertices(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n
         else:
             gap, o_x, o_y, o_z = axial, 0.0, side, 0.0
         v_x, v_y, v_z = turned(frame, vertices[k, 3], vertices[k, 4], vertices[k, 5])
-        if abs(gap) < margin and dot(o_x, o_y, o_z, v_x, v_y, v_z) < 0.0:
+        if abs(gap) < margin and dot(o_x, o_y, o_z, v_x, v_y, v_z) < OPPOSES:
             n = _add(contacts, n, i, j, pose, x, y, z, -o_x, -o_y, -o_z, gap, float(RIM_VERTEX + KINDS * k))
     return n
 
