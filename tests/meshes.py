@@ -42,6 +42,15 @@ class Scene:
         return self.rows[:n].copy()
 
 
+def grid(height, n=21, size=1.0):
+    """Open ground z = height(x, y)."""
+    x, y = np.meshgrid(np.linspace(-size, size, n), np.linspace(-size, size, n), indexing="ij")
+    at = np.arange(n * n).reshape(n, n)
+    a, b, c, d = at[:-1, :-1].ravel(), at[1:, :-1].ravel(), at[1:, 1:].ravel(), at[:-1, 1:].ravel()
+    vertices = np.stack([x, y, height(x, y) * np.ones_like(x)], axis=-1).reshape(-1, 3)
+    return trimesh.Trimesh(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]), process=False)
+
+
 def placed(mesh, pose_):
     """Vertices in world axes."""
     return pose_["r_0"] + mesh.vertices @ pose_["T"]

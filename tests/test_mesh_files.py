@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from meshes import pose
+from meshes import grid, pose
 
 from cdl_fmu.mesh.contacts import scratch_for
 from cdl_fmu.mesh.files import read_body, read_ground
@@ -17,15 +17,6 @@ from cdl_fmu.mesh.tree import FIRST_EDGE, FIRST_TRIANGLE, FIRST_VERTEX, LAST_EDG
 from cdl_fmu.slave.model import ModelError
 
 box = trimesh.creation.box
-
-
-def grid(height, n=21, size=1.0):
-    """Open ground z = height(x, y)."""
-    x, y = np.meshgrid(np.linspace(-size, size, n), np.linspace(-size, size, n), indexing="ij")
-    at = np.arange(n * n).reshape(n, n)
-    a, b, c, d = at[:-1, :-1].ravel(), at[1:, :-1].ravel(), at[1:, 1:].ravel(), at[:-1, 1:].ravel()
-    vertices = np.stack([x, y, height(x, y) * np.ones_like(x)], axis=-1).reshape(-1, 3)
-    return trimesh.Trimesh(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]), process=False)
 
 
 def test_a_box_has_twelve_convex_edges_and_six_flat_ones():
