@@ -12,6 +12,8 @@ from .tree import FIRST_TRIANGLE, LAST_TRIANGLE, RIGHT, distance_to_box
 #: Where on a triangle its nearest point is: within, at corner 0, 1, 2, on the edge from there.
 WITHIN, CORNER, EDGE = 0, 1, 4
 _TOUCHING = 1e-12  # [m] from an edge or corner, below which the direction from there is rounding
+OPPOSES = -0.1  # own choice: cosine between a vertex's normal and that of a surface below which they may touch
+_ABOVE = 1e-18  # [m2] square of the distance from the edges of a face within which a point still lies over it
 
 
 @kernel
@@ -89,7 +91,7 @@ def signed_distance(meshes, root, x, y, z, v_x, v_y, v_z, margin, stack):
             d = dot(d_x, d_y, d_z, d_x, d_y, d_z)
             m_x, m_y, m_z = normals[t, 0], normals[t, 1], normals[t, 2]
             side = dot(d_x, d_y, d_z, m_x, m_y, m_z)
-            if where == WITHIN and opposed < side <= 0.0 and dot(v_x, v_y, v_z, m_x, m_y, m_z) < 0.0:
+            if opposed < side <= 0.0 and d - side * side < _ABOVE and dot(v_x, v_y, v_z, m_x, m_y, m_z) < OPPOSES:
                 opposed, best = side, t
             if d < square:
                 square, found, at_corner = d, True, CORNER <= where < EDGE
@@ -106,8 +108,8 @@ def signed_distance(meshes, root, x, y, z, v_x, v_y, v_z, margin, stack):
                 n_x, n_y, n_z = m_x, m_y, m_z
                 if abs(gap) > _TOUCHING:
                     n_x, n_y, n_z = d_x / gap, d_y / gap, d_z / gap
-    if found and dot(v_x, v_y, v_z, n_x, n_y, n_z) < 0.0:
+    if found and dot(v_x, v_y, v_z, n_x, n_y, n_z) < OPPOSES:
         return True, gap, n_x, n_y, n_z, at_corner
-    if found and gap <= 0.0 and best >= 0:
+    if found and gap <= _TOUCHING and best >= 0:
         return True, opposed, normals[best, 0], normals[best, 1], normals[best, 2], False
     return False, 0.0, 0.0, 0.0, 0.0, False

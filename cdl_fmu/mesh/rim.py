@@ -8,11 +8,15 @@ from ..frames import cross, dot, resolve1
 from ..slave.kernel import kernel
 from .contacts import AMOUNTS, KINDS, RIM_EDGE, RIM_FACE, RIM_VERTEX, add, moved, moved_back, place, turned, turned_back
 from .edges import within_cone
+from .nearest import OPPOSES
 from .surface import CORNERS, ENDS
 from .tree import FIRST_EDGE, FIRST_TRIANGLE, FIRST_VERTEX, LAST_EDGE, LAST_TRIANGLE, LAST_VERTEX, RIGHT
 
 _ALONG_AXLE = 1e-9  # square of the sine between a line and the axle below which no direction across is nearest
 _BEYOND = 0.02  # sine by which the normal at an end of the rim may lean away from it: an edge along the axle touches at both ends
+_FLAT = 1e-6  # part of an edge along the axle below which the planes of the rim's ends do not cut it
+_STEPS, _CLOSE = 20, 1e-13  # of Newton's method, and share of the radius at which it ends
+_SAME = 1e-6  # share of an edge within which two of its places are one
 _OUTSIDE = 1e-9  # share by which a face's contact may lie beyond its edges, so that none is lost between two faces
 
 
@@ -21,7 +25,7 @@ def rim_contacts(i, radius, width, pose_wheel, meshes, j, pose_j, margin, scratc
     """Contact candidates between the rim of wheel i, body A, and the closed surface of body j, body B.
 
     - Vertices of the mesh: radially, or along the axle where they are less deep behind an end of the rim.
-    - Convex edges: where they are nearest to the axle, and where they cross the planes of the rim's ends.
+    - Convex edges: where they are nearest to the axle, and to the circles at the rim's ends.
     - Faces: on the circle at each end of the rim, the point that is furthest against the face's normal.
 
     Args:
@@ -98,7 +102,7 @@ def _vertices(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n
         else:
             gap, o_x, o_y, o_z = axial, 0.0, side, 0.0
         v_x, v_y, v_z = turned(frame, vertices[k, 3], vertices[k, 4], vertices[k, 5])
-        if abs(gap) < margin and dot(o_x, o_y, o_z, v_x, v_y, v_z) < 0.0:
+        if abs(gap) < margin and dot(o_x, o_y, o_z, v_x, v_y, v_z) < OPPOSES:
             n = _add(contacts, n, i, j, pose, x, y, z, -o_x, -o_y, -o_z, gap, float(RIM_VERTEX + KINDS * k))
     return n
 
@@ -110,52 +114,107 @@ def _edges(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n):
         k, m = edges[e, ENDS], edges[e, ENDS + 1]
         p_x, p_y, p_z = moved(frame, vertices[k, 0], vertices[k, 1], vertices[k, 2])
         q_x, q_y, q_z = moved(frame, vertices[m, 0], vertices[m, 1], vertices[m, 2])
-        if min(p_y, q_y) > half or max(p_y, q_y) < -half:
+        low, high = min(p_y, q_y), max(p_y, q_y)
+        if low > half + margin or high < -half - margin:
             continue
         d_x, d_y, d_z = q_x - p_x, q_y - p_y, q_z - p_z
         length = math.sqrt(dot(d_x, d_y, d_z, d_x, d_y, d_z))
         d_x, d_y, d_z = d_x / length, d_y / length, d_z / length
-        across = d_x * d_x + d_z * d_z
+        across, along = d_x * d_x + d_z * d_z, p_x * d_x + p_z * d_z
         if across > _ALONG_AXLE:
-            s = -(p_x * d_x + p_z * d_z) / across
-            y = p_y + s * d_y
-            if 0.0 < s < length and abs(y) <= half:
-                x, z = p_x + s * d_x, p_z + s * d_z
-                n = _edge_at(i, radius, 0.0, pose, meshes, j, e, 0, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n)
-        for side in (1, 2):
-            out = 1.0 if side == 1 else -1.0
-            # It crosses the plane of this end.
-            if (p_y - out * half) * (q_y - out * half) < 0.0:
-                s = (out * half - p_y) / d_y
-                x, z = p_x + s * d_x, p_z + s * d_z
-                n = _edge_at(i, radius, out, pose, meshes, j, e, side, x, out * half, z, d_x, d_y, d_z, margin, frame, contacts, n)
+            s = -along / across  # where it is nearest to the axle
+            if 0.0 < s < length and abs(p_y + s * d_y) <= half:
+                x, y, z = p_x + s * d_x, p_y + s * d_y, p_z + s * d_z
+                n = _edge_on_rim(i, radius, pose, meshes, j, e, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n)
+        # The square of half its chord in the rim's cylinder, in units of s.
+        chord = -1.0
+        if across > _ALONG_AXLE:
+            chord = (radius * radius - p_x * p_x - p_z * p_z) / across + (along / across) ** 2
+        for end in range(2):
+            out = 1.0 - 2.0 * end
+            if not (low - margin <= out * half <= high + margin):
+                continue
+            first, second, taken = math.inf, math.inf, 0
+            # It is nearest to the circle about where it crosses the plane of that, or enters or leaves the cylinder, or passes beside it.
+            for start in range(3):
+                if start == 0:
+                    if abs(d_y) < _FLAT:
+                        continue
+                    s = (out * half - p_y) / d_y
+                else:
+                    if across <= _ALONG_AXLE or (start == 2 and chord <= 0.0):
+                        continue
+                    s = -along / across + (2 * start - 3) * math.sqrt(max(chord, 0.0))
+                s = _nearest_to_circle(radius, out * half, p_x, p_y, p_z, d_x, d_y, d_z, s)
+                if not 0.0 < s < length or min(abs(s - first), abs(s - second)) < _SAME * length:
+                    continue
+                x, y, z = p_x + s * d_x, p_y + s * d_y, p_z + s * d_z
+                id_ = 1 + end + 2 * taken
+                n = _edge_on_circle(i, radius, half, out, id_, pose, meshes, j, e, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n)
+                first, second, taken = s, first, taken + 1
     return n
 
 
 @kernel
-def _edge_at(i, radius, out, pose, meshes, j, e, place_, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n):
-    """A convex edge along d at (x, y, z): on the rim (out = 0), or on the circle at its left or right end (1, -1)."""
+def _nearest_to_circle(radius, y_0, p_x, p_y, p_z, d_x, d_y, d_z, s):
+    """Place on the line p + s d whose distance from the circle rho = radius, y = y_0 is stationary, by Newton's method from s; nan if none.
+
+    With the point of the circle that is nearest to p + s d, (rho - radius) u + (y - y_0) e_y is across the line: g(s) = 0.
+    """
+    for _ in range(_STEPS):
+        x, z = p_x + s * d_x, p_z + s * d_z
+        rho = math.sqrt(x * x + z * z)
+        if rho < 0.5 * radius:
+            return math.nan
+        slope = (x * d_x + z * d_z) / rho
+        g = (rho - radius) * slope + (p_y + s * d_y - y_0) * d_y
+        rise = slope * slope + d_y * d_y + (rho - radius) / rho * (d_x * d_x + d_z * d_z - slope * slope)
+        if rise < _ALONG_AXLE:
+            return math.nan
+        step = g / rise
+        s -= step
+        if abs(step) < _CLOSE * radius:
+            return s
+    return math.nan
+
+
+@kernel
+def _edge_on_rim(i, radius, pose, meshes, j, e, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n):
+    """Convex edge e along d, at its point (x, y, z) nearest to the axle."""
     rho = math.sqrt(x * x + z * z)
-    if not abs(rho - radius) < margin or rho == 0.0:
+    if not abs(rho - radius) < margin or rho == 0.0 or not _leans(meshes, e, frame, d_x, d_y, d_z, x / rho, 0.0, z / rho):
         return n
-    u_x, u_z = x / rho, z / rho
-    n_x, n_y, n_z = u_x, 0.0, u_z
-    if out != 0.0:
-        # Across the edge and the circle's tangent; where that leans away from the rim's end, the edge is nearest elsewhere.
-        n_x, n_y, n_z = cross(d_x, d_y, d_z, u_z, 0.0, -u_x)
-        size = math.sqrt(dot(n_x, n_y, n_z, n_x, n_y, n_z))
-        if size < _BEYOND:
-            return n
-        sense = math.copysign(1.0, n_x * u_x + n_z * u_z) / size
-        n_x, n_y, n_z = sense * n_x, sense * n_y, sense * n_z
-        if out * n_y < -_BEYOND:
-            return n
-    gap = (rho - radius) * (n_x * u_x + n_z * u_z)  # of the two tangents
-    o_x, o_y, o_z = turned_back(frame, d_x, d_y, d_z)
-    m_x, m_y, m_z = turned_back(frame, n_x, n_y, n_z)
-    if not within_cone(meshes, e, o_x, o_y, o_z, -m_x, -m_y, -m_z):
+    return _add(contacts, n, i, j, pose, x, y, z, -x / rho, 0.0, -z / rho, rho - radius, RIM_EDGE + KINDS * (7.0 * e))
+
+
+@kernel
+def _edge_on_circle(i, radius, half, out, place_, pose, meshes, j, e, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n):
+    """Convex edge e along d, at its point (x, y, z) nearest to the circle at the rim's end out = 1 or -1."""
+    rho = math.sqrt(x * x + z * z)
+    u_x, u_z, axial = x / rho, z / rho, y - out * half
+    if (rho - radius) ** 2 + axial * axial >= margin * margin:
         return n
-    return _add(contacts, n, i, j, pose, x, y, z, -n_x, -n_y, -n_z, gap, RIM_EDGE + KINDS * (3.0 * e + place_))
+    # Across the edge and the circle's tangent.
+    n_x, n_y, n_z = cross(d_x, d_y, d_z, u_z, 0.0, -u_x)
+    size = math.sqrt(dot(n_x, n_y, n_z, n_x, n_y, n_z))
+    if size < _BEYOND:
+        return n
+    radial = n_x * u_x + n_z * u_z
+    size = math.copysign(size, radial + out * n_y)
+    n_x, n_y, n_z, radial = n_x / size, n_y / size, n_z / size, radial / size
+    # Where it leans away from the rim's end or its axle, the edge is nearest to another place of the rim.
+    if out * n_y < -_BEYOND or radial < -_BEYOND or not _leans(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z):
+        return n
+    gap = (rho - radius) * radial + axial * n_y
+    return _add(contacts, n, i, j, pose, x, y, z, -n_x, -n_y, -n_z, gap, RIM_EDGE + KINDS * (7.0 * e + place_))
+
+
+@kernel(inline=True)
+def _leans(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z):
+    """Whether a normal out of the wheel opposes those of edge e of the mesh, along d; both in the wheel's frame."""
+    d_x, d_y, d_z = turned_back(frame, d_x, d_y, d_z)
+    n_x, n_y, n_z = turned_back(frame, n_x, n_y, n_z)
+    return within_cone(meshes, e, d_x, d_y, d_z, -n_x, -n_y, -n_z)
 
 
 @kernel

@@ -42,7 +42,7 @@ def rock(seed: int, size: Sequence[float], roughness: float = 0.2, *, subdivisio
     # Own choice: planes cut a sphere, few and slow waves roughen it, both shortening radii only, so that it stays free of overhangs.
     cuts = random.normal(size=(_CUTS, 3))
     cuts /= np.linalg.norm(cuts, axis=1, keepdims=True)
-    depth = 1.0 - 2.0 * roughness * random.random(_CUTS)
+    depth = 1.0 - roughness * random.random(_CUTS)
     facing = out @ cuts.T
     radius = np.where(facing > 0.0, depth / np.maximum(facing, 1e-9), np.inf).min(axis=1).clip(max=1.0)
     waves, phase = random.normal(scale=2.0, size=(_LUMPS, 3)), random.uniform(0.0, 2.0 * np.pi, _LUMPS)
