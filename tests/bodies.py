@@ -44,6 +44,7 @@ class Bodies:
         for i in range(N_BODIES):
             self.place(i, 0.0, 0.0, 5.0 + i)
         self.instance.initialise()
+        self.instance.step(0.0, 0.0)  # a body that has been in the air is put on the soil, not laid into it
 
     def place(self, i, x, y, z, pitch=0.0, roll=0.0, yaw=0.0):
         """Put a body somewhere, at rest; angles [deg]."""

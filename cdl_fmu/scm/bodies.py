@@ -96,7 +96,9 @@ def half_sizes(p, range_, shape):
 
 
 @kernel
-def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, rows, grid, corner, placed, links, cells, sums):
+def wheel_contact_with_mesh(
+    p, x, h, wheel, is_body, modulus, shape, elements, range_, rows, ground, frame, grid, corner, placed, links, cells, sums
+):
     """Stresses on a wheel with a mesh, in the axes of ``wheel_contact``."""
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
     h_x, h_y = wheel.T[1, 1] / level, -wheel.T[1, 0] / level
@@ -104,6 +106,7 @@ def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, ro
     cloud_contact(
         p,
         wheel,
+        is_body,
         h_x,
         h_y,
         dragged_layer(p),
@@ -114,6 +117,8 @@ def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, ro
         h,
         x.stamp,
         rows,
+        ground,
+        frame,
         grid,
         corner,
         window,
@@ -127,12 +132,13 @@ def wheel_contact_with_mesh(p, x, h, wheel, modulus, shape, elements, range_, ro
 
 
 @kernel
-def body_contact(p, x, h, body, shape, elements, range_, rows, grid, corner, placed, links, cells, sums):
+def body_contact(p, x, h, body, is_body, shape, elements, range_, rows, ground, frame, grid, corner, placed, links, cells, sums):
     """Stresses on a body, in world axes."""
     modulus, window = pressure_modulus(p, shape[WIDTH]), window_around(p, body, shape)
     cloud_contact(
         p,
         body,
+        is_body,
         1.0,
         0.0,
         0.5 * p.transport_depth,  # grains, as below a smooth wheel
@@ -143,6 +149,8 @@ def body_contact(p, x, h, body, shape, elements, range_, rows, grid, corner, pla
         h,
         x.stamp,
         rows,
+        ground,
+        frame,
         grid,
         corner,
         window,
@@ -162,7 +170,7 @@ def answer_body(body, memory, sums, wrench):
         wrench.f_0[k] = sums[F_X + k] if sums[CELLS] >= 0.0 else 0.0
         wrench.t_0[k] = sums[T_X + k] if sums[CELLS] >= 0.0 else 0.0
     if has_pose(body):
-        memory.silent = 0.0
+        memory.silent, memory.laid = 0.0, 1.0
         return True
     memory.silent += 1.0
     return False

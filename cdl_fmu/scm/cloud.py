@@ -26,6 +26,7 @@ from .columns import (
     ALONG,
     ALONG_MAX,
     ALONG_MIN,
+    ALONG_SOIL,
     AREA,
     AT,
     BARE,
@@ -73,12 +74,14 @@ from .columns import (
     clear,
 )
 from .density import bearing_gain, density_of, friction
+from .elements import LAYER, LEAST_COVER, lowest_bearing, place_elements
 from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
 from .stress import mobilised, nodes_per_root, power, remembered, whole
-from .tiles import BASE, COMPACTED, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, floor_depth, in_tile, nearest, row_of
+from .support import clear_support, resist, resist_cell
+from .tiles import BASE, COMPACTED, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, base_height, floor_depth, in_tile, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
 #: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
@@ -87,15 +90,12 @@ _TOTAL = 1
 #: While a cell is looked at, columns of its row hold the plan area [m2], then the pressure [Pa], of each of its points.
 _PLAN = _SIGMA = J_X
 
-_ABOVE = 1.0  # cells above the level up to which elements are looked at
-_LAYER = 3.0  # cells by which a surface no steeper than a bearing one can rise within a cell
-_UPWARD = 0.7  # upward normals up to which a flank can push
-
 
 @kernel
 def cloud_contact(
     p,
     tool,
+    is_body,
     h_x,
     h_y,
     layer,
@@ -106,6 +106,8 @@ def cloud_contact(
     h,
     stamp,
     rows,
+    ground,
+    frame,
     grid,
     corner,
     window,
@@ -120,6 +122,7 @@ def cloud_contact(
 
     Args:
         tool: Its input record.
+        is_body: Whether it is a body, whose support is wanted, and around which soil may have been laid.
         h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
         width, length: Of its contact, across and along [m].
         layer: Depth of the layer that goes with it at its speed [m].
@@ -128,10 +131,12 @@ def cloud_contact(
         placed, links: Memory for those near the soil, [n, PLACED], and for their chains: one entry a cell of the window, one an element.
     """
     clear(sums)
+    if is_body:
+        clear_support(sums)
     i0, i1, j0, j1 = window
     n_j, next_ = j1 - j0 + 1, links.shape[0] - placed.shape[0]
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
-    n_placed = _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
+    n_placed = place_elements(p, tool, is_body, steep, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
     if n_placed == 0:
         sums[SIDE_ALONG] = sums[SIDE_ACROSS] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
         return
@@ -171,17 +176,18 @@ def cloud_contact(
         logs = log_of_push(tables[1], ahead), log_of_push(tables[1], -ahead), log_of_push(tables[1], abs(sideways))
         left = left_by_push(strength, logs[0], logs[1], logs[2])
         soft = softened(strength, path)
-        lowest = _lowest(steep, start, placed, links)
+        lowest = lowest_bearing(steep, start, placed, links)
         for k in range(POINTS):
             cells[n, FIRST + k] = cells[n, _PLAN + k] = cells[n, SLOPE + k] = 0.0
 
         on_tips, covered, off_x, off_y = _NOTHING, 0.0, 0.0, 0.0
+        steep_plan, lowest_steep = 0.0, 1e300
         e = start
         while e >= 0:
             x, y, z = placed[e, X], placed[e, Y], placed[e, Z]
             n_x, n_y, n_z, area = placed[e, N_X], placed[e, N_Y], placed[e, N_Z], placed[e, AREA]
             placed[e, AT] = -1.0
-            if n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + _LAYER * cell:
+            if n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + LAYER * cell:
                 plan, along, across = -n_z * area, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
                 k = min(max(int((along / cell + 0.5) * POINTS), 0), POINTS - 1)
                 if placed[e, KIND] == SURFACE:
@@ -203,12 +209,16 @@ def cloud_contact(
                         sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
+                if n_z < 0.0:
+                    steep_plan, lowest_steep = steep_plan - n_z * area, min(lowest_steep, z)
                 share = (m_x * n_x + m_y * n_y) * push
                 if share > 0.0:
-                    f = area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner)
+                    f = area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner)
                     _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
                     sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
                     sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
+                    if is_body:
+                        resist(sums, ALONG_SOIL, f * push, n_x, n_y, n_z, x, y, z)
             e = links[next_ + e]
 
         # Elements around a point press together, as one would: their depths differ by more than soil yields elastically.
@@ -231,8 +241,10 @@ def cloud_contact(
             cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
 
         if on_tips[_TOTAL] > 0.0:
-            _bear(p, tool, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
+            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
         if total <= 0.0:
+            if is_body and covered == 0.0 and steep_plan >= LEAST_COVER * cell * cell:
+                covered, lowest = steep_plan, lowest_steep  # soil that was laid around it does not slide into its place
             gap = lowest - surface + sinkage
             if covered > 0.0 and gap < CLEARANCE * cell:
                 cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
@@ -249,9 +261,10 @@ def cloud_contact(
                 plan = -n_z * placed[e, AREA]
                 on_surface = _pressed(on_surface, placed[e, X], placed[e, Y], placed[e, Z], n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
-        j_x, j_y, share, u_x, u_y = _bear(p, tool, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, h, sums)
+        j_x, j_y, share, u_x, u_y = _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, h, sums)
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
-        sums[DEEPEST] = max(sums[DEEPEST], new_floor - fill)
+        laid = base_height(p, ground, frame, i, j) - rows[row, BASE, a, b] if is_body else 0.0
+        sums[DEEPEST] = max(sums[DEEPEST], new_floor - fill + laid)
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
@@ -292,7 +305,7 @@ def _place_of(k):
 
 
 @kernel
-def _bear(p, tool, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
+def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
     """Add the forces of a cell: its pressures, and shear on its mean surface.
 
     Args:
@@ -329,56 +342,9 @@ def _bear(p, tool, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
     sums[K_Y] += whole(drag)
     sums[K_Z] += whole(stiffness * damping)
     sums[D_Z] += whole(p.c_d * total)
+    if is_body:
+        resist_cell(sums, stiffness * damping, drag, total, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
     return j_x, j_y, share, u_x, u_y
-
-
-@kernel
-def _place(p, tool, steep, rows, grid, corner, i0, i1, j0, j1, elements, range_, placed, links):
-    """Turn and move the elements, and chain those near the soil to their cells, in their order; returns their number."""
-    T, r_0, cell = tool.T, tool.r_0, p.cell
-    n_j, next_ = j1 - j0 + 1, links.shape[0] - placed.shape[0]
-    top = -1e300
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            links[(i - i0) * n_j + j - j0] = -1
-            row = row_of(grid, corner, i, j)
-            top = max(top, rows[row, BASE, in_tile(i), in_tile(j)] + rows[row, FILL, in_tile(i), in_tile(j)])
-    above = _ABOVE * cell - r_0[2]
-    top += above
-    n = 0
-    for e in range(range_[1] - 1, range_[0] - 1, -1):  # a chain begins with what came last
-        x, y, z = elements[e, 0], elements[e, 1], elements[e, 2]
-        w_z = T[0, 2] * x + T[1, 2] * y + T[2, 2] * z
-        if w_z > top:
-            continue
-        n_x, n_y, n_z, kind = elements[e, 3], elements[e, 4], elements[e, 5], elements[e, 7]
-        m_z = T[0, 2] * n_x + T[1, 2] * n_y + T[2, 2] * n_z
-        if m_z > (_UPWARD if kind == FLANK else steep):
-            continue
-        w_x, w_y = T[0, 0] * x + T[1, 0] * y + T[2, 0] * z, T[0, 1] * x + T[1, 1] * y + T[2, 1] * z
-        i, j = nearest(r_0[0] + w_x, cell), nearest(r_0[1] + w_y, cell)
-        row = row_of(grid, corner, i, j)
-        if w_z > rows[row, BASE, in_tile(i), in_tile(j)] + rows[row, FILL, in_tile(i), in_tile(j)] + above:
-            continue
-        placed[n, X], placed[n, Y], placed[n, Z] = w_x, w_y, w_z
-        placed[n, N_X] = T[0, 0] * n_x + T[1, 0] * n_y + T[2, 0] * n_z
-        placed[n, N_Y] = T[0, 1] * n_x + T[1, 1] * n_y + T[2, 1] * n_z
-        placed[n, N_Z], placed[n, AREA], placed[n, KIND] = m_z, elements[e, 6], kind
-        at = (i - i0) * n_j + j - j0
-        links[next_ + n], links[at] = links[at], n
-        n += 1
-    return n
-
-
-@kernel
-def _lowest(steep, start, placed, links):
-    """Height [m] of the lowest bearing surface among a cell's elements."""
-    lowest, e = 1e300, start
-    while e >= 0:
-        if placed[e, N_Z] <= -steep and placed[e, KIND] == SURFACE:
-            lowest = min(lowest, placed[e, Z])
-        e = links[links.shape[0] - placed.shape[0] + e]
-    return lowest
 
 
 @kernel(inline=True)

@@ -18,7 +18,11 @@ OFF, BARE = -1.0, -2.0
 #: of the soil that is pushed ahead, in world axes; and its depth below undisturbed soil, which is given [m].
 F_X, F_Y, F_Z, T_X, T_Y, T_Z, K_X, K_Y, K_Z, D_Z, ALONG_MIN, ALONG_MAX, CELLS, DEEPEST = range(14)
 PRESSURE, PUSH_SPEED, PUSH_AHEAD, PUSH_ACROSS, SIDE_ALONG, SIDE_ACROSS, PUSHED_X, PUSHED_Y, DEPTH = range(14, 23)
-SUMS = 23
+#: Of a body only: its stiffness against motion into the soil and along it, each a symmetric matrix of translation and rotation about its
+#: origin in world axes, of which the lower triangle is kept row by row [N/m, N, N.m]; and the pressing force with its first and second
+#: moments in x and y [N, N.m, N.m2].
+INTO, ALONG_SOIL, WEIGHTED = 23, 44, 65
+SUMS = 71
 
 #: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
 ELEMENT = 8

@@ -254,8 +254,11 @@ def _gather(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, til
     for i in range(max(i0 - 1, first), min(i1 + 1, last) + 1):
         a = i - EDGE
         for b in range(TILE):
+            held = rows[row, STAMP, a, b] == stamp
             tile.z[i, b + EDGE] = rows[row, BASE, a, b] + (rows[row, FILL, a, b] - rows[row, SINKAGE, a, b])
-            tile.held[i, b + EDGE] = 1.0 if rows[row, STAMP, a, b] == stamp else 0.0
+            if held:
+                tile.z[i, b + EDGE] += _laid(p, rows, marks, ground, frame, row, a, b)
+            tile.held[i, b + EDGE] = 1.0 if held else 0.0
         tile.held[i, j0 - 1] = tile.held[i, j1 + 1] = 1.0
         if not i0 <= i <= i1:
             for j in range(j0, j1 + 1):
@@ -268,6 +271,12 @@ def _gather(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j1, til
         _gather_strip(p, rows, marks, head, ground, frame, stamp, row, max(i0 - 1, first), min(i1 + 1, last), first - 1, first - 1, tile)
     if j1 == last:
         _gather_strip(p, rows, marks, head, ground, frame, stamp, row, max(i0 - 1, first), min(i1 + 1, last), last + 1, last + 1, tile)
+
+
+@kernel(inline=True)
+def _laid(p, rows, marks, ground, frame, row, a, b):
+    """Depth [m] of the hole that a body fills around which the soil was laid: soil leans against it as if there was none."""
+    return base_height(p, ground, frame, marks[row, TILE_I] * TILE + a, marks[row, TILE_J] * TILE + b) - rows[row, BASE, a, b]
 
 
 @kernel
@@ -287,6 +296,8 @@ def _gather_strip(p, rows, marks, head, ground, frame, stamp, row, i0, i1, j0, j
                 height = base_height(p, ground, frame, (marks[row, TILE_I] + a) * TILE + u, (marks[row, TILE_J] + b) * TILE + v)
             else:
                 height = surface_height(rows, other, u, v)
+                if rows[other, STAMP, u, v] == stamp:
+                    height += _laid(p, rows, marks, ground, frame, other, u, v)
                 box = marks[other, BOX] <= u <= marks[other, BOX + 1] and marks[other, BOX + 2] <= v <= marks[other, BOX + 3]
                 if box and rows[other, STAMP, u, v] != stamp:
                     held = 0.0

@@ -8,7 +8,7 @@ from ..slave.kernel import kernel
 from ..terramechanics import janosi_displacement, unit_weight
 from .columns import AREA, N_Z, SIDE_ACROSS, SIDE_ALONG, X, Y, Z
 from .stress import counted, remembered, secant_share
-from .tiles import nearest, row_of, surface_height
+from .tiles import BASE, FILL, STAMP, in_tile, nearest, row_of, surface_height
 
 
 @kernel(inline=True)
@@ -41,9 +41,15 @@ def displace(p, tool, modulus, sums, h_x, h_y, h, placed, n_placed):
 
 
 @kernel
-def passive(p, N_phi, r_0, x, y, z, n_x, n_y, rows, grid, corner):
-    """Rankine's passive earth pressure [Pa] on a steep face: of the soil that it faces, whose surface is that of a cell further out."""
+def passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner):
+    """Rankine's passive earth pressure [Pa] on a steep face: of the soil that it faces, whose surface is that of a cell further out.
+
+    Where that cell is still one of a hole that a tool fills, soil having been laid around it, it is that of the next one.
+    """
     per_length = p.cell / max(math.sqrt(n_x * n_x + n_y * n_y), 1e-9)
     i, j = nearest(r_0[0] + x + n_x * per_length, p.cell), nearest(r_0[1] + y + n_y * per_length, p.cell)
+    row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
+    if rows[row, STAMP, a, b] >= stamp - 1.0 and rows[row, BASE, a, b] + rows[row, FILL, a, b] < r_0[2] + z:
+        i, j = nearest(r_0[0] + x + 2.0 * n_x * per_length, p.cell), nearest(r_0[1] + y + 2.0 * n_y * per_length, p.cell)
     depth = surface_height(rows, row_of(grid, corner, i, j), i, j) - r_0[2] - z
     return unit_weight(p.rho, p.gravity, p.slope) * depth * N_phi + 2.0 * p.c * math.sqrt(N_phi) if depth > 0.0 else 0.0  # Eq. (8.8)

@@ -8,6 +8,7 @@ from ..contact import WHEEL_EVENTS
 from ..slave.interface import (
     ENVIRONMENT,
     body_pose,
+    body_support,
     body_wrench,
     contact_jacobian,
     diagnostics,
@@ -150,6 +151,7 @@ class SCM(KernelModel):
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | trailing_in(n_patches) | body_pose(n_bodies)
         side = Real(0.0, "m", "Displacement of steep faces against the soil beside them, along and across", (2,))
         pushed = Real(0.0, "m", "Displacement of the soil that it pushes ahead, in world axes", (2,))
+        laid = Real(0.0, "1", "1 from its first step with a pose on: the soil was laid around it then, where it began below the surface")
         self.state = Record(
             stamp=Real(0.0, "1", "Number of the step"),
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
@@ -157,7 +159,7 @@ class SCM(KernelModel):
             powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
             pushes=Real(0.0, "1", "Table of what pushes leave of the soil's strength, constant during a run", (257,)),
             wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
-            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
+            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed, laid=laid)),
         )
         self.outputs = (
             wheel_wrench(n_wheels)
@@ -165,6 +167,7 @@ class SCM(KernelModel):
             | diagnostics(n_wheels)
             | patch_out(n_patches, n_compacted > 0)
             | body_wrench(n_bodies)
+            | body_support(n_bodies)
         )
         self.step_kernel, self.parallel_step_kernel = step_kernels(n_compacted > 0)
 

@@ -30,10 +30,12 @@ from .bodies import (
     wheel_contact_with_mesh,
 )
 from .columns import CELLS, DEEPEST, DEPTH
+from .embedding import lay_around, take_back
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
 from .stress import deepest_of_table, pressure_modulus, tabulate
+from .support import answer_support
 from .tiles import SLIDING, base_height_at
 from .tools import answer, approach, diagnose, forget, patch_inside, place, rearrange, recall, remember, wheel_inside
 from .wheel import wheel_contact
@@ -66,17 +68,18 @@ class Outputs(NamedTuple):
     diagnostics: np.ndarray
     patch: np.ndarray
     body: np.ndarray
+    support: np.ndarray
 
 
 #: What the kernels get: arrays of any length, so that one step serves models of all sizes.
 ARGUMENTS = (
     *("p", "u.wheel", "u.trailing", "u.body", "x", "x.wheel", "x.body"),
-    *("y.wheel", "y.contact", "y.diagnostics", "y.patch", "y.body"),
+    *("y.wheel", "y.contact", "y.diagnostics", "y.patch", "y.body", "y.support"),
 )
 
 
 @kernel
-def initialise(t, P, X, wheels, bodies, wrenches, contacts, diagnostics, patches, answers, arrays):
+def initialise(t, P, X, wheels, bodies, wrenches, contacts, diagnostics, patches, answers, supports, arrays):
     p, x = P[0], X[0]
     x.stamp = 0.0
     x.sweep_time = 0.0
@@ -87,6 +90,7 @@ def initialise(t, P, X, wheels, bodies, wrenches, contacts, diagnostics, patches
         _start(wheels[i])
     for i in range(len(bodies)):
         _start(bodies[i])
+        bodies[i].laid = 0.0
 
 
 @kernel
@@ -161,10 +165,10 @@ def stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays):
     p, x = P[0], X[0]  # numba's prange hands arrays to its threads, no records
     rows, marks, head, ground, frame, elements, ranges, shapes = arrays[:8]
     grid, corner, cells, sums, blocks, outflow, placed, links = arrays[8:16]
-    pose = arrays[18][k]
+    pose, is_body = arrays[18][k], k >= len(wheels)
     if sums[k, CELLS] < 0.0:
         forget(sums[k])
-    elif k < len(wheels):
+    elif not is_body:
         wheel, modulus = wheels[k], pressure_modulus(p, p.b_w)
         recall(wheel_memory[k], sums[k])
         sums[k, DEPTH] = max(base_height_at(p, ground, frame, wheel.r_0[0], wheel.r_0[1]) - lowest_point(p, wheel), 0.0)
@@ -174,11 +178,14 @@ def stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays):
                 x,
                 h,
                 pose,
+                is_body,
                 modulus,
                 shapes[k],
                 elements,
                 ranges[k],
                 rows,
+                ground,
+                frame,
                 grid[k],
                 corner[k],
                 placed[k],
@@ -196,10 +203,13 @@ def stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays):
             x,
             h,
             pose,
+            is_body,
             shapes[k],
             elements,
             ranges[k],
             rows,
+            ground,
+            frame,
             grid[k],
             corner[k],
             placed[k],
@@ -239,6 +249,7 @@ def answer_all(p, u, memory, y, *arrays):
         remember(sums[k], memory.body[i])
         if not answer_body(poses[k], memory.body[i], sums[k], y.body[i]):
             status = BODY_NO_DATA + STATUS_SPAN * i
+        answer_support(p, poses[k], sums[k], y.support[i])
     return status
 
 
@@ -319,10 +330,12 @@ def step_kernels(compaction: bool):
                 fill_patch(p, rows, marks, head, ground, frame, u.trailing[i].r_0, patch)
 
     @kernel
-    def step(t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, arrays):
+    def step(
+        t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, supports, arrays
+    ):
         p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
         u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
-        y = Outputs(wrenches, contacts, diagnostics, patches, answers)
+        y = Outputs(wrenches, contacts, diagnostics, patches, answers, supports)
         place_all(u, *arrays)
         status = refused(p, u, memory, y, *arrays)
         if status:
@@ -330,10 +343,12 @@ def step_kernels(compaction: bool):
         if not make_all_ready(p, u, *arrays):
             return FULL
         x.stamp += 1.0
+        lay_around(p, u, memory, x, *arrays)
         for k in range(len(sums)):
             stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays)
         status = pressed_through(p, u, *arrays)
         if status:
+            take_back(p, u, memory, x, *arrays)
             x.stamp -= 1.0
             return status
         status = answer_all(p, u, memory, y, *arrays)
@@ -347,11 +362,11 @@ def step_kernels(compaction: bool):
 
     @kernel(parallel=True)
     def parallel_step(
-        t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, arrays
+        t, h, P, wheels, trailing, bodies, X, wheel_memory, body_memory, wrenches, contacts, diagnostics, patches, answers, supports, arrays
     ):
         p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
         u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
-        y = Outputs(wrenches, contacts, diagnostics, patches, answers)
+        y = Outputs(wrenches, contacts, diagnostics, patches, answers, supports)
         place_all(u, *arrays)
         status = refused(p, u, memory, y, *arrays)
         if status:
@@ -359,10 +374,12 @@ def step_kernels(compaction: bool):
         if not make_all_ready(p, u, *arrays):
             return FULL
         x.stamp += 1.0
+        lay_around(p, u, memory, x, *arrays)
         for k in numba.prange(len(sums)):  # unsigned there
             stress(np.int64(k), h, P, X, wheels, wheel_memory, body_memory, *arrays)
         status = pressed_through(p, u, *arrays)
         if status:
+            take_back(p, u, memory, x, *arrays)
             x.stamp -= 1.0
             return status
         status = answer_all(p, u, memory, y, *arrays)

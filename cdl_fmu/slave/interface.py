@@ -169,18 +169,21 @@ def body_wrench(n: int) -> Record:
 
 
 def body_support(n: int) -> Record:
-    """Interface Jacobian of each body's contact, in world axes: near the anchor its force changes by - K (x - x_a) - D (v - v_a) of the
-    body's material at ``point_0``, and its torque about that point by - K_r phi - D_r (w - w_a), phi being the rotation vector since then.
+    """Interface Jacobian of each body: near the anchor its wrench is f_0 - K (x - x_a) - D (v - v_a) and t - K_r phi - D_r (w - w_a).
+
+    Here x and v are those of the body's material at ``point_0``, t is the torque about it, phi the rotation since the anchor, and all is
+    resolved in world. K, D, K_r and D_r are diagonal, oppose motion and are nowhere softer than the ground: friction gives the secant,
+    pressure the tangent, and couplings between axes are added to both.
     """
     return Record(
         support=Array(
             n,
             Record(
-                point_0=Real(0.0, "m", "Point at which the stiffness acts, resolved in world", (3,)),
-                K=Real(0.0, "N/m", "Stiffness along each world axis, opposing motion", (3,), min=0.0),
-                D=Real(0.0, "N.s/m", "Damping along each world axis, opposing motion", (3,), min=0.0),
-                K_r=Real(0.0, "N.m/rad", "Stiffness about each world axis through the point, opposing rotation", (3,), min=0.0),
-                D_r=Real(0.0, "N.m.s/rad", "Damping about each world axis through the point, opposing rotation", (3,), min=0.0),
+                point_0=Real(0.0, "m", "Point at which the ground resists translation, resolved in world", (3,)),
+                K=Real(0.0, "N/m", "Stiffness along each axis of the world, opposing motion", (3,), min=0.0),
+                D=Real(0.0, "N.s/m", "Damping along each axis of the world, opposing motion", (3,), min=0.0),
+                K_r=Real(0.0, "N.m/rad", "Stiffness of rotation about each axis of the world, opposing motion", (3,), min=0.0),
+                D_r=Real(0.0, "N.m.s/rad", "Damping of rotation about each axis of the world, opposing motion", (3,), min=0.0),
                 in_contact=Real(0.0, "1", "1 while the body touches the ground, else 0", min=0.0, max=1.0),
                 anchor=_pose_and_twist("the body for which the wrench was evaluated; T = 0: no anchor is sent", T_start=0.0),
             ),
