@@ -136,10 +136,7 @@ def _keep_few(p, found, n_wheels, candidates, rows, n):
 
 @kernel
 def _origin(wheels, bodies, tool):
-    if tool < len(wheels):
-        r = wheels[tool].r_0
-    else:
-        r = bodies[tool - len(wheels)].r_0
+    r = wheels[tool].r_0 if tool < len(wheels) else bodies[tool - len(wheels)].r_0
     return r[0], r[1], r[2]
 
 
@@ -178,10 +175,10 @@ def _lever(sign, x, y, z, a_x, a_y, a_z, out, at):
 @kernel
 def _has_mobility(u):
     """Whether the multibody system tells its inverse inertia."""
+    mobility = 0.0
     for k in range(u.inverse_inertia.shape[0]):
-        if u.inverse_inertia[k, k] > 0.0:
-            return True
-    return False
+        mobility = max(mobility, u.inverse_inertia[k, k])
+    return mobility > 0.0
 
 
 @kernel

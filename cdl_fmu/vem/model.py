@@ -24,7 +24,7 @@ FRICTION = Record(
     mu=Real(0.6, "1", "Coefficient of sliding friction", min=0.0, max=10.0),
     mu_static=Real(0.0, "1", "Coefficient of static friction; below mu: as mu, there is none", min=0.0, max=10.0),
     v_static=Real(0.01, "m/s", "Sliding speed at which static friction has fallen by 63 % to sliding friction", min=1e-6, max=10.0),
-    v_creep=Real(1e-3, "m/s", "Sliding speed below which friction falls: a contact at rest creeps below it", min=1e-9, max=1.0),
+    v_creep=Real(1e-4, "m/s", "Sliding speed below which friction falls: a contact at rest creeps below it", min=1e-9, max=1.0),
 )
 
 
