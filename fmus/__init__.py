@@ -18,13 +18,14 @@ from mbs.rover import Rover
 TIERS = {"BCM": BCM, "SCM": SCM, "VEM": VEM}
 
 #: Name of a tier for rocks -> its model, of wheels and rocks.
-ROCK_TIERS = {"RBC": lambda n_wheels, n_bodies: RBC(n_wheels, n_bodies), "VEM": lambda n_wheels, n_bodies: VEM(n_wheels, 0, n_bodies)}
+ROCK_TIERS = {"RBC": RBC, "VEM": lambda n_wheels, n_bodies: VEM(n_wheels, 0, n_bodies)}
 
 #: Every FMU that is shipped, one for each set of sizes.
 SHIPPED = [
     *(BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), BCM(1, 1, 1)),
     *(SCM(1), SCM(2), SCM(1, 1), SCM(1, 1, n_compacted=1)),
-    *(VEM(1), VEM(2), VEM(2, 0, 3), RBC(2, 3)),
+    *(VEM(1), VEM(2), VEM(1, 1)),
+    *(RBC(2, 1), VEM(2, 0, 1), SCM(2, 0, 1), Rover(2, 1, 1)),  # for a rover and a rock
     *(Rover(2), Driver(2), Carriage(1)),
 ]
 

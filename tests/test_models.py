@@ -8,6 +8,7 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
+from slabs import files_of, place_of
 
 from cdl_fmu.slave.build import build_fmu
 from cdl_fmu.slave.model import Instance, ModelError
@@ -27,7 +28,7 @@ def fmu(tmp_path_factory):
 
     def of(model):
         if model.identifier not in built:
-            path = build_fmu(model, folder / f"{model.identifier}.fmu")
+            path = build_fmu(model, folder / f"{model.identifier}.fmu", files=files_of(model))
             built[model.identifier] = path, fmpy.extract(str(path)), fmpy.read_model_description(str(path))
         return built[model.identifier]
 
@@ -82,7 +83,7 @@ def test_the_fmu_is_valid_and_complete(model, fmu):
 
 @every_model
 def test_the_same_sources_give_the_same_bytes(model, fmu, tmp_path):
-    again = build_fmu(model, tmp_path / "again.fmu")
+    again = build_fmu(model, tmp_path / "again.fmu", files=files_of(model))
     assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(fmu(model)[0].read_bytes()).digest()
 
 
@@ -97,7 +98,7 @@ def test_a_model_of_a_script_is_refused(tmp_path):
 def test_start_values_can_be_baked_in(model, tmp_path):
     scalar = next(s for s in model.scalars["p"] if np.isfinite(s.field.max) and s.start != s.field.max and not isinstance(s.field, Choice))
     value = 0.5 * (scalar.start + min(scalar.field.max, scalar.start + 1.0))
-    path = build_fmu(model, tmp_path / "baked.fmu", {scalar.name: value})
+    path = build_fmu(model, tmp_path / "baked.fmu", {scalar.name: value}, files_of(model))
     description = fmpy.read_model_description(str(path))
     assert validate_fmu(str(path)) == []
     assert float(next(v.start for v in description.modelVariables if v.name == scalar.name)) == value
@@ -124,7 +125,10 @@ def _excite(slave, k):
     """Inputs that make every model do something: wheels near the ground that move, small forces, slow commands."""
     for i, name in enumerate(slave.inputs):
         quantity = name.split(".")[-1].split("[")[0]
-        if quantity == "r_0":
+        if name.startswith("body["):
+            if quantity == "r_0":
+                slave.u[i] = place_of(int(name[5 : name.index("]")]) - 1)[int(name[-2]) - 1]
+        elif quantity == "r_0":
             slave.u[i] = {"1": 0.1, "2": 0.0, "3": 0.1}[name[-2]] + 1e-4 * k
         elif quantity == "v_0":
             slave.u[i] = 0.1 if name.endswith("[1]") else 0.0
@@ -136,7 +140,7 @@ def _excite(slave, k):
 
 @every_model
 def test_a_slave_gives_the_bits_of_the_model_in_process(model, slave):
-    one, instance = slave(model), Instance(model)
+    one, instance = slave(model), Instance(model, **files_of(model))
     instance.initialise(0.0)
     for k in range(5):
         _excite(one, k)
@@ -168,7 +172,7 @@ def test_nan_is_refused_by_name_and_the_slave_stays_callable(model, slave):
     saved = one.save()
     one.u[0] = np.nan
     one.set(0.003)
-    with pytest.raises(SlaveError, match=rf"one did not do the step .* input {_re(one.inputs[0])} = nan .*: it must be finite"):
+    with pytest.raises(SlaveError, match=rf"one did not do the step .* input {_re(one.inputs[0])} = nan.*: it must be finite"):
         one.step(0.003, 1e-3)
     one.restore(saved)
     assert np.isfinite(_advance(one, 3, start=3)).all() and np.isfinite(before).all()

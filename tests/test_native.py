@@ -10,6 +10,7 @@ import pytest
 from elftools.elf.elffile import ELFFile
 from heaps import Heaps
 from linear_spring import LinearSpring
+from slabs import files_of, place_of
 
 from cdl_fmu.frames import axis_rotation
 from cdl_fmu.slave.kernel import kernel
@@ -49,10 +50,11 @@ def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_pa
     subprocess.run([compiler, "-shared", "-o", tmp_path / "kernels.so", tmp_path / "kernels.o", "-lm"], check=True)
     library = ctypes.CDLL(tmp_path / "kernels.so")
 
-    python = Instance(model)
+    files = files_of(model)
+    python = Instance(model, **files)
     block = python.block.copy()
     status, exc, pointer = ctypes.c_int32(), ctypes.c_void_p(), block.ctypes.data_as(ctypes.c_void_p)
-    pool = model.make_pool(python.p, {})
+    pool = model.make_pool(python.p, files)
 
     def native(name, *times):
         arguments = [*map(ctypes.c_double, times), pointer, *pool_arguments(pool)]
@@ -99,6 +101,8 @@ def some_inputs(model, rng) -> np.ndarray:
         patch["spacing"] = spacing = 0.03
         patch["origin"] = spacing * np.round(wheel["r_0"][:2] / spacing - np.array(patch["z"].shape) // 2)
         patch["z"] = rng.uniform(-0.01, 0.01, patch["z"].shape)
+    for j, body in enumerate(u["body"] if "body" in fields else ()):
+        body["r_0"], body["T"] = place_of(j), np.eye(3)
     scalars = model.inputs.scalars()
     return block.clip([s.field.min for s in scalars], [s.field.max for s in scalars])
 

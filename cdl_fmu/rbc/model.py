@@ -35,8 +35,8 @@ class RBC(KernelModel):
 
     events = TOOL_EVENTS | {
         GROWS: Event(
-            "wheel {i} rebounds faster than it came: effective_mass = {p.effective_mass:g} kg is more than what it carries; lower it to the "
-            "wheel's own mass, or connect inverse_inertia and free_twist",
+            "wheel {i} rebounds faster than it came: effective_mass = {p.effective_mass:g} kg is more than what it carries; lower it to "
+            "the wheel's own mass, or connect inverse_inertia and free_twist",
             is_error=False,
         ),
     }
