@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from free_bodies import G, FreeBody, turn
+from free_bodies import FreeBody, G, turn
 from scipy.spatial import ConvexHull
 from soil import surface, volume_error
 
@@ -83,8 +83,8 @@ def test_a_half_buried_box_that_is_pushed_sideways_comes_to_rest(tmp_path, mass)
     rows = body.run(0.8)
     assert_at_rest(rows[600:], mass)
     assert np.abs(rows[600:, F][:, :2]).max() < 1e-3 * mass * G
-    pushed = body.run(1.0, push=(0.5 * mass * G, 0.0, 0.0))
-    assert_at_rest(pushed[800:], mass)
+    pushed = body.run(1.5, push=(0.5 * mass * G, 0.0, 0.0))
+    assert_at_rest(pushed[1300:], mass)
     assert pushed[-1, F][0] == pytest.approx(-0.5 * mass * G, rel=0.01)
     assert 5e-5 < pushed[-1, 0] - rows[-1, 0] < 1e-3
 
@@ -168,8 +168,7 @@ def test_soil_is_laid_around_a_body_that_begins_in_it(tmp_path, mesh, attitude):
     held = surface(body.instance)
     solid = trimesh.load_mesh(tmp_path / "rock.stl").apply_transform(placed(body))
     assert np.nanmin(held.z) == pytest.approx(solid.bounds[0, 2], abs=0.006)
-    below = trimesh.intersections.slice_mesh_plane(solid, [0, 0, -1], [0, 0, 0], cap=True)
-    assert -np.nansum(held.z) * held.spacing**2 == pytest.approx(below.volume, rel=0.3)
+    assert -np.nansum(held.z) * held.spacing**2 == pytest.approx(volume_below_ground(solid), rel=0.3)
     for _ in range(200):
         body.instance.step(0.0, H)
     assert np.array_equal(surface(body.instance).z, held.z, equal_nan=True)
@@ -182,6 +181,12 @@ def test_soil_is_laid_around_a_body_that_begins_in_it(tmp_path, mesh, attitude):
     assert rows[1500:, F].mean(axis=0) == pytest.approx([0.0, 0.0, mass * G], abs=0.005 * mass * G)
     assert np.ptp(rows[1500:, :3], axis=0).max() < 1e-4
     assert volume_error(body.instance) == 0.0
+
+
+def volume_below_ground(solid):
+    fine = solid.subdivide_to_size(0.005)
+    z = np.minimum(fine.triangles_center[:, 2], 0.0)
+    return (fine.area_faces * fine.face_normals[:, 2] * z).sum()  # divergence theorem
 
 
 def placed(body):
@@ -248,11 +253,16 @@ def test_soil_leans_against_a_rock_and_slides_into_its_hole_when_it_is_gone(tmp_
     for _ in range(300):
         body.instance.step(0.0, H)
     assert np.array_equal(surface(body.instance).z, held, equal_nan=True)
-    body.body.r_0[2] = 1.0
-    for _ in range(2000):
+    for k in range(2000):
+        body.body.r_0[2] = min(2e-4 * k, 1.0)
         body.instance.step(0.0, H)
-    assert np.nanmin(surface(body.instance).z) > np.nanmin(held) + 0.01
+    assert steepest(held) > 0.05 and steepest(surface(body.instance).z) < 0.02
     assert volume_error(body.instance) == 0.0
+
+
+def steepest(z):
+    """Largest drop between neighbouring cells [m]."""
+    return max(np.nanmax(np.abs(np.diff(z, axis=axis))) for axis in range(2))
 
 
 def test_a_body_that_was_in_the_air_is_pressed_in_and_nothing_is_laid_around_it(tmp_path):
@@ -291,5 +301,5 @@ def test_a_step_that_is_refused_lays_no_soil(tmp_path):
 
 def test_a_rock_without_room_for_its_tiles_is_refused(tmp_path):
     trimesh.creation.box((0.5, 0.5, 0.1)).export(tmp_path / "rock.stl")
-    with pytest.raises(ModelError, match="the soil's pool is full, max_tiles = 3 of .*: raise max_tiles"):
+    with pytest.raises(ModelError, match=r"the soil's pool is full, max_tiles = 3 of .*: raise max_tiles"):
         FreeBody(tmp_path / "rock.stl", 20.0, 0.0, at=AT, max_tiles=3)
