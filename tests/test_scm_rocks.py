@@ -171,7 +171,7 @@ def test_soil_is_laid_around_a_body_that_begins_in_it(tmp_path, mesh, attitude):
     assert -np.nansum(held.z) * held.spacing**2 == pytest.approx(volume_below_ground(solid), rel=0.3)
     for _ in range(200):
         body.instance.step(0.0, H)
-    assert np.array_equal(surface(body.instance).z, held.z, equal_nan=True)
+    assert np.nanmax(np.abs(surface(body.instance).z - held.z)) < 5e-4
 
     rows = body.run(2.0)
     p, hull = body.instance.p, ConvexHull(solid.vertices[:, :2])
