@@ -20,7 +20,7 @@ Z, V, W, F, ENERGY = 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
 
 
 def ball(mass):
-    return trimesh.creation.icosphere(4, (0.75 * mass / DENSITY / math.pi) ** (1.0 / 3.0))
+    return trimesh.creation.icosphere(3, (0.75 * mass / DENSITY / math.pi) ** (1.0 / 3.0))
 
 
 def box(mass, *sides):
@@ -70,28 +70,28 @@ def assert_energy_decays(rows, mass):
 )
 def test_a_body_that_is_dropped_comes_to_rest_without_chatter(tmp_path, mesh, mass, z, attitude):
     body = free(tmp_path, mesh, mass, z, **attitude)
-    rows = body.run(2.0)
+    rows = body.run(1.5)
     assert rows[:, F][:, 2].max() > 2.0 * mass * G and rows[-1, Z] > 0.0
-    assert_at_rest(rows[1500:], mass)
+    assert_at_rest(rows[1300:], mass)
     assert_energy_decays(rows, mass)
     assert volume_error(body.instance) == 0.0
 
 
-@pytest.mark.parametrize("mass", [0.5, 3.0, 20.0])
-def test_a_half_buried_box_that_is_pushed_sideways_comes_to_rest(tmp_path, mass):
-    body = free(tmp_path, box(mass, 1.0, 1.2, 0.8), mass, yaw=20.0)
-    rows = body.run(0.8)
-    assert_at_rest(rows[600:], mass)
-    assert np.abs(rows[600:, F][:, :2]).max() < 1e-3 * mass * G
-    pushed = body.run(1.5, push=(0.5 * mass * G, 0.0, 0.0))
-    assert_at_rest(pushed[1300:], mass)
+@pytest.mark.parametrize(("mass", "cell"), [(0.5, 0.01), (3.0, 0.01), (20.0, 0.02)])
+def test_a_half_buried_box_that_is_pushed_sideways_comes_to_rest(tmp_path, mass, cell):
+    body = free(tmp_path, box(mass, 1.0, 1.2, 0.8), mass, yaw=20.0, cell=cell)
+    rows = body.run(0.6)
+    assert_at_rest(rows[500:], mass)
+    assert np.abs(rows[500:, F][:, :2]).max() < 1e-3 * mass * G
+    pushed = body.run(1.2, push=(0.5 * mass * G, 0.0, 0.0))
+    assert_at_rest(pushed[1100:], mass)
     assert pushed[-1, F][0] == pytest.approx(-0.5 * mass * G, rel=0.01)
     assert 5e-5 < pushed[-1, 0] - rows[-1, 0] < 1e-3
 
 
 def test_steps_of_1_ms_sink_as_deep_as_short_ones(tmp_path):
     mesh = box(3.0, 1.0, 1.2, 0.8)
-    depths = [free(tmp_path, mesh, 3.0, yaw=20.0).run(0.25, h)[-1, Z] for h in (1e-3, 5e-5)]
+    depths = [free(tmp_path, mesh, 3.0, yaw=20.0).run(0.15, h)[-1, Z] for h in (1e-3, 5e-5)]
     assert depths[0] == pytest.approx(depths[1], rel=0.04) and depths[1] < -0.01
 
 
@@ -102,21 +102,22 @@ def test_a_box_tips_over_its_edge(tmp_path):
     lean = math.degrees(math.atan(half / height)) + 6.0
     top = math.hypot(half, height) * math.cos(math.radians(6.0))
     body = free(tmp_path, mesh, 3.0, top - 0.002, pitch=lean)
-    rows = body.run(3.0)
+    rows = body.run(2.0)
     assert 1.0 < np.abs(rows[:, W][:, 1]).max() < 10.0
     assert abs(body.body["T"][2, 2]) < 0.15 and rows[-1, Z] < half
-    assert speeds(rows[2900:]).max() < 1e-3
+    assert speeds(rows[1900:]).max() < 1e-3
 
 
 def test_the_jacobian_is_nowhere_softer_than_the_ground(tmp_path):
     """Small motions of a body at rest along and about each axis change its wrench by no more than it says, and by some share of it."""
     body = free(tmp_path, boulder(2.0), 2.0, c_d=0.0, tau_r=0.0)
-    body.run(1.5)
-    saved, support = body.instance.save(), body.instance.y.support[0].copy()
+    body.run(0.8)
+    support = body.instance.y.support[0]
     body.body.v_0[:] = body.body.w_0[:] = 0.0
     body.instance.step(0.0, 0.0)
     at_rest = body.instance.save()
-    point, origin, T = support.point_0.copy(), body.body.r_0.copy(), body.body["T"].copy()
+    stiffness, point = np.array([*support.K, *support.K_r]), support.point_0.copy()
+    origin, T = body.body.r_0.copy(), body.body["T"].copy()
 
     def wrench():
         y = body.instance.y.body[0]
@@ -136,9 +137,7 @@ def test_the_jacobian_is_nowhere_softer_than_the_ground(tmp_path):
             body.body.w_0[:] = 1e-2 * unit
             body.body.v_0[:] = np.cross(body.body.w_0, origin - point)
         body.instance.step(0.0, H)
-        stiffness = -(wrench() - f_0)[axis] / (1e-6 if axis < 3 else 1e-5)
-        shares.append(stiffness / [*support.K, *support.K_r][axis])
-    body.instance.restore(saved)
+        shares.append(-(wrench() - f_0)[axis] / (1e-6 if axis < 3 else 1e-5) / stiffness[axis])
     assert max(shares) < 1.02 and min(shares) > 0.1
 
 
@@ -173,13 +172,13 @@ def test_soil_is_laid_around_a_body_that_begins_in_it(tmp_path, mesh, attitude):
         body.instance.step(0.0, H)
     assert np.nanmax(np.abs(surface(body.instance).z - held.z)) < 5e-4
 
-    rows = body.run(2.0)
+    rows = body.run(1.2)
     p, hull = body.instance.p, ConvexHull(solid.vertices[:, :2])
     modulus = p.k_c / (2.0 * hull.volume / hull.area) + p.k_phi  # of two dimensions: area and perimeter
     bekker = (mass * G / hull.volume / modulus) ** (1.0 / p.n)
     assert 0.7 * bekker < -rows[-1, Z] < 2.5 * bekker
-    assert rows[1500:, F].mean(axis=0) == pytest.approx([0.0, 0.0, mass * G], abs=0.005 * mass * G)
-    assert np.ptp(rows[1500:, :3], axis=0).max() < 1e-4
+    assert rows[800:, F].mean(axis=0) == pytest.approx([0.0, 0.0, mass * G], abs=0.005 * mass * G)
+    assert np.ptp(rows[800:, :3], axis=0).max() < 1e-4
     assert volume_error(body.instance) == 0.0
 
 
@@ -199,9 +198,9 @@ def test_a_half_buried_box_resists_by_rankines_pressure_more_than_one_on_top(tmp
     mesh, mass, forces = box(5.0, 1.2, 1.0, 0.9), 5.0, []
     for z in (0.0, mesh.extents[2] / 2.0):
         body = free(tmp_path, mesh, mass, z + 1e-3)
-        body.run(0.8)
+        body.run(0.5)
         start, depth = body.body.r_0[0], mesh.extents[2] / 2.0 - body.body.r_0[2]
-        for share in np.arange(0.1, 4.0, 0.1):
+        for share in np.arange(0.2, 4.0, 0.2):
             body.run(0.1, push=(share * mass * G, 0.0, 0.0))
             if body.body.r_0[0] - start > 0.003:
                 break
@@ -216,11 +215,11 @@ def test_a_half_buried_box_resists_by_rankines_pressure_more_than_one_on_top(tmp
 def test_a_wheel_passes_beside_a_half_buried_rock(tmp_path):
     mass = 3.0
     body = free(tmp_path, boulder(mass), mass, yaw=10.0)
-    body.run(0.8)
+    body.run(0.6)
     start = body.body.r_0.copy()
     most = 0.0
-    for k in range(3000):
-        set_wheel(body, -0.15 + 1e-4 * k, 0.17, min(0.02, 1e-4 * k), 0.1)
+    for k in range(1500):
+        set_wheel(body, -0.15 + 2e-4 * k, 0.17, min(0.02, 1e-4 * k), 0.2)
         body.step(H)
         most = max(most, np.abs(body.instance.y.body[0].f_0 - [0.0, 0.0, mass * G]).max())
     assert body.instance.y.wheel[0].f_0[2] > 50.0
