@@ -14,6 +14,7 @@ from cdl_fmu.slave.model import ModelError
 
 DENSITY = 2700.0
 AT = (0.003, -0.002)
+TURNED = dict(roll=15.0, pitch=-10.0, yaw=30.0)
 H = 1e-3
 #: Columns of a run.
 Z, V, W, F, ENERGY = 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
@@ -91,7 +92,7 @@ def test_a_half_buried_box_that_is_pushed_sideways_comes_to_rest(tmp_path, mass,
 
 def test_steps_of_1_ms_sink_as_deep_as_short_ones(tmp_path):
     mesh = box(3.0, 1.0, 1.2, 0.8)
-    depths = [free(tmp_path, mesh, 3.0, yaw=20.0).run(0.15, h)[-1, Z] for h in (1e-3, 5e-5)]
+    depths = [free(tmp_path, mesh, 3.0, yaw=20.0).run(0.12, h)[-1, Z] for h in (1e-3, 5e-5)]
     assert depths[0] == pytest.approx(depths[1], rel=0.04) and depths[1] < -0.01
 
 
@@ -154,8 +155,11 @@ def surface_is_disturbed(body):
     return ground is not None and np.nanmax(np.abs(ground.z)) > 0.0
 
 
-@pytest.mark.parametrize("attitude", [{}, dict(roll=15.0, pitch=-10.0, yaw=30.0)], ids=["level", "turned"])
-@pytest.mark.parametrize("mesh", [ball(5.0), box(5.0, 1.2, 1.0, 0.9), boulder(5.0)], ids=["ball", "box", "boulder"])
+@pytest.mark.parametrize(
+    ("mesh", "attitude"),
+    [(ball(5.0), {}), (box(5.0, 1.2, 1.0, 0.9), TURNED), (boulder(5.0), {}), (boulder(5.0, seed=3), TURNED)],
+    ids=["ball", "box", "boulder", "another"],
+)
 def test_soil_is_laid_around_a_body_that_begins_in_it(tmp_path, mesh, attitude):
     """Nothing presses it, the hole below fits, soil around it stays; then it sinks until the soil bears it, and stays."""
     mass = 5.0
@@ -172,13 +176,13 @@ def test_soil_is_laid_around_a_body_that_begins_in_it(tmp_path, mesh, attitude):
         body.instance.step(0.0, H)
     assert np.nanmax(np.abs(surface(body.instance).z - held.z)) < 5e-4
 
-    rows = body.run(1.2)
+    rows = body.run(0.9)
     p, hull = body.instance.p, ConvexHull(solid.vertices[:, :2])
     modulus = p.k_c / (2.0 * hull.volume / hull.area) + p.k_phi  # of two dimensions: area and perimeter
     bekker = (mass * G / hull.volume / modulus) ** (1.0 / p.n)
     assert 0.7 * bekker < -rows[-1, Z] < 2.5 * bekker
-    assert rows[800:, F].mean(axis=0) == pytest.approx([0.0, 0.0, mass * G], abs=0.005 * mass * G)
-    assert np.ptp(rows[800:, :3], axis=0).max() < 1e-4
+    assert rows[600:, F].mean(axis=0) == pytest.approx([0.0, 0.0, mass * G], abs=0.005 * mass * G)
+    assert np.ptp(rows[600:, :3], axis=0).max() < 1e-4
     assert volume_error(body.instance) == 0.0
 
 
@@ -252,7 +256,7 @@ def test_soil_leans_against_a_rock_and_slides_into_its_hole_when_it_is_gone(tmp_
     for _ in range(300):
         body.instance.step(0.0, H)
     assert np.array_equal(surface(body.instance).z, held, equal_nan=True)
-    for k in range(2000):
+    for k in range(1000):
         body.body.r_0[2] = min(2e-4 * k, 1.0)
         body.instance.step(0.0, H)
     assert steepest(held) > 0.05 and steepest(surface(body.instance).z) < 0.02
