@@ -25,7 +25,7 @@ from .keys import flat, joined, within
 from .rigs import ROVER, TESTBED, Rig
 from .rocks import MESH, ROCK, ROCKS, Rock, make_rock
 from .schemes import SCHEMES
-from .sections import RUN, models_of, sections_of, takes_one
+from .sections import RUN, files_in, models_of, sections_of, takes_one
 from .tables import ExperimentError, read_tables
 
 
@@ -122,7 +122,8 @@ class Experiment:
         #: part -> its model
         self._models = {part: kind() for part, kind in rig.parts.items()}
         tables, self._compaction = self._structure(tables)
-        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction, n).items()}
+        on_mesh = self._on_mesh(tables)
+        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction, n, on_mesh).items()}
         if n:
             self._models[rig.mover] = rig.parts[rig.mover](len(rig.tiers), n, 1)
             self._models[ROCKS] = ROCK_TIERS[self.rock_tier](len(rig.tiers), n)
@@ -133,7 +134,7 @@ class Experiment:
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
         self._values = {
-            section: self._section(section, record, models[section].files if section in models else {}, tables.get(section, {}))
+            section: self._section(section, record, files_in(section, models), tables.get(section, {}))
             for section, record in self._records.items()
         }
         keys = self._section("", rig.keys, {}, {key: tables[key] for key in rig.keys.fields if key in tables})
@@ -158,7 +159,7 @@ class Experiment:
         for name, model in self._models.items():
             made[name] = Instance(model, name)
             own = {s.name for s in model.scalars["p"]}
-            made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values.get(name, {}))
+            made[name].set_starts({k: v for k, v in (shared | self._values.get(name, {})).items() if k in own or k in model.files})
             if name == ROCKS:
                 tier = {k: v for k, v in self._values[self.rock_tier.lower()].items() if k in own or k in model.files}
                 made[name].set_starts(tier)
@@ -256,6 +257,17 @@ class Experiment:
             where = self._place("bcm", "compaction")
             raise ExperimentError(f"{where}: bcm.compaction = {wanted!r}: use true (wheels feel what pressed the soil before) or false")
         return dict(tables, bcm={key: value for key, value in section.items() if key != "compaction"}), wanted
+
+    def _on_mesh(self, tables: Mapping) -> set[str]:
+        """Tiers whose ground is a mesh."""
+        found = {tier for tier in self.tiers.values() if tables.get(tier.lower(), {}).get("ground")}
+        if found and "SCM" in self.tiers.values():
+            section = min(found).lower()
+            where = self._place(section, "ground")
+            raise ExperimentError(
+                f"{where}: {section}.ground: all wheels stand on the soil of the one on SCM; give scm.base, or no wheel on SCM"
+            )
+        return found
 
     def _width_outside(self) -> list[str]:
         width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)

@@ -8,6 +8,7 @@ from cdl_fmu.slave.interface import ENVIRONMENT
 from cdl_fmu.slave.model import Model
 from cdl_fmu.slave.records import Choice, Real, Record
 from cdl_fmu.soil import SOIL
+from cdl_fmu.terrain.stand import GROUND
 from cdl_fmu.wheel import WHEEL
 from fmus import ROCK_TIERS, TIERS
 
@@ -32,6 +33,12 @@ def models_of(rig: Rig) -> dict[str, Model]:
     }
 
 
+def files_in(section: str, models: Mapping[str, Model]) -> Mapping[str, str]:
+    """Files that a section can name, with their descriptions."""
+    files = dict(models[section].files) if section in models else {}
+    return files | GROUND if section in ("bcm", "vem") else files
+
+
 def sections_of(rig: Rig, models: Mapping[str, Model]) -> dict[str, Record]:
     """Section -> what it holds."""
     elsewhere = {*(ENVIRONMENT | SOIL | WHEEL).fields, *rig.given, "rock"}
@@ -53,4 +60,4 @@ def takes_one(key: str, rig: Rig) -> bool:
         return True
     models, (section, _, name) = models_of(rig), key.partition(".")
     record = sections_of(rig, models).get(section, Record())
-    return name in {s.name for s in record.scalars()} or (section in models and name in models[section].files)
+    return name in {s.name for s in record.scalars()} or name in files_in(section, models)
