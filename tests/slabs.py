@@ -14,10 +14,12 @@ def files_of(model) -> dict[str, Path]:
     names = [name for name in model.files if name.startswith("body[") or name == "ground"]
     if not names:
         return {}
-    path = Path(gettempdir(), "cdl_wide_slab_for_tests.stl")
+    # Soil looks at each square centimetre of a body.
+    length, width, height = (0.2, 0.2, 0.05) if model.identifier.startswith("cdl_scm") else (4.0, 1.8, 0.2)
+    path = Path(gettempdir(), f"cdl_slab_{length}_{width}_{height}.stl")
     if not path.exists():
-        slab = trimesh.creation.box((4.0, 1.8, 0.2))
-        slab.apply_translation((0.0, 0.0, -0.1))
+        slab = trimesh.creation.box((length, width, height))
+        slab.apply_translation((0.0, 0.0, -0.5 * height))
         part = path.with_suffix(".part.stl")
         slab.export(part)
         part.replace(path)
