@@ -1,0 +1,169 @@
+"""Table 8.1 of the chapter, measured: what each contact tier costs and considers, side by side, and the marks that follow.
+
+    python benchmarks/table_8_1.py
+
+Costs are best / median over steps of 1 ms of the tier alone, called from Python on one core, of a rigid chassis that drives on the wheels
+of Table 8.2 (``vehicle.py``), to be read beside the calibration loop of ``speed.py``. Effects are of one smooth wheel (``effects.py``).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from effects import BALL, Tier, export, measured, tiers, with_bodies
+from speed import calibration
+from vehicle import TIP, Vehicle, freedom
+
+from cdl_fmu.bcm import BCM
+from cdl_fmu.rbc import RBC
+from cdl_fmu.scm import SCM
+from cdl_fmu.slave.model import Instance
+from cdl_fmu.vem import VEM
+from cdl_fmu.wheel import WHEEL
+
+H, TIMED = 1e-3, 1500
+WHEELS = (1, 2, 4, 6, 8)
+NAMES = ("RBC", "VEM", "BCM", "SCM")
+
+
+def times(vehicle: Vehicle, rate: float = 1.0, settle: float = 0.5) -> tuple[float, float, float]:
+    """Best and median cost of a step [us], and mean number of contacts, after the wheels have rolled some way."""
+    vehicle.put_down(0.5)
+    vehicle.rate = rate
+    vehicle.run(settle + TIMED * H, H)
+    return summary(vehicle.times), float(np.mean(vehicle.contacts[-TIMED:]))
+
+
+def summary(seconds: list[float]) -> tuple[float, float]:
+    """Best and median [us] of the last steps; the best is the fiftieth part's, as single steps are noise."""
+    late = np.sort(seconds[-TIMED:]) * 1e6
+    return float(late[len(late) // 50]), float(np.median(late))
+
+
+def exponent(sizes, costs) -> float:
+    """b of cost ~ size^b, by least squares of logarithms."""
+    return float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
+
+
+def both(cost: tuple[float, float]) -> str:
+    return f"{cost[0]:.1f} / {cost[1]:.1f}"
+
+
+def table(head: list[str], rows: list[list[str]]) -> None:
+    """Print a table in Markdown."""
+    print("\n| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+
+
+def by_wheels(folder: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """Print costs by number of wheels; median [us] of two wheels, and exponent, of each tier."""
+    floor = [(export(folder, "floor", trimesh.creation.box((8.0, 4.0, 0.2))), (0.0, 0.0, -0.1))]
+    columns: dict[str, Callable[[int], Instance]] = {
+        "RBC, mesh": lambda n: with_bodies(RBC(n, 1), floor),
+        "VEM, mesh": lambda n: with_bodies(VEM(n, 0, 1), floor),
+        "VEM, plane": lambda n: Instance(VEM(n)),
+        "BCM": lambda n: Instance(BCM(n)),
+        "BCM, critical_state": lambda n: Instance(BCM(n), strength="critical_state"),
+        "SCM": lambda n: Instance(SCM(n)),
+    }
+    rows, two, growth = [], {}, {}
+    for name, make in columns.items():
+        results = [times(Vehicle(make(n), freedom(n))) for n in WHEELS]
+        costs = [median for (_, median), _ in results]
+        two[name], growth[name] = costs[1], exponent(WHEELS[1:], costs[1:])
+        contacts = " / ".join(f"{n:.0f}" for _, n in results)
+        rows.append([name, *(both(cost) for cost, _ in results), f"{growth[name]:.2f}", contacts])
+    table(["us a step, best / median", *(f"{n} wheels" for n in WHEELS), "exponent from 2 wheels on", "contacts"], rows)
+    return two, growth
+
+
+def by_domain(folder: Path) -> dict[str, float]:
+    """Print costs of two wheels by size and resolution of the ground; the larger exponent of each tier."""
+    rows: list[list[str]] = []
+    worst = dict.fromkeys(NAMES, -math.inf)
+
+    def series(tier: str, of: str, unit: str, sizes, results, note=""):
+        power = exponent(sizes, [median for _, median in results])
+        worst[tier] = max(worst[tier], power)
+        texts = [f"{size:.0f}: {both(cost)}" for size, cost in zip(sizes, results)]
+        rows.append([tier, of, unit, "; ".join(texts), f"{power:.2f}", note])
+
+    for name, model in {"RBC": lambda n: RBC(2, n), "VEM": lambda n: VEM(2, 0, n)}.items():
+        faces, finer = [], []
+        for splits in (0, 2, 4, 6):
+            mesh = trimesh.creation.box((8.0, 4.0, 0.2))
+            for _ in range(splits):
+                mesh = mesh.subdivide()
+            faces.append(len(mesh.faces))
+            bodies = [(export(folder, f"floor{splits}", mesh), (0.0, 0.0, -0.1))]
+            finer.append(times(Vehicle(with_bodies(model(1), bodies), freedom(2)))[0])
+        series(name, "one ground, finer", "faces", faces, finer)
+        stone, farther = export(folder, "ball", trimesh.creation.icosphere(3, BALL)), []
+        for n in (1, 4, 16):
+            bodies = [(folder / "floor0.stl", (0.0, 0.0, -0.1))] + [(stone, (1.0 + 0.2 * k, 1.5, 0.1)) for k in range(n - 1)]
+            farther.append(times(Vehicle(with_bodies(model(n), bodies), freedom(2)))[0])
+        series(name, "stones that nothing touches", "bodies", (1, 4, 16), farther)
+    for name, model in {"VEM": VEM(2), "BCM": BCM(2), "SCM": SCM(2)}.items():
+        vehicle, distances, results, tiles = Vehicle(Instance(model), ("z", "pitch")), (1, 4, 16), [], []
+        vehicle.put_down(0.5)
+        vehicle.q[0], vehicle.rate = 1.0, 1.0 / TIP
+        for start, end in zip((0, *distances), distances):
+            vehicle.run((end - start) / vehicle.q[0], H)
+            results.append(summary(vehicle.times[-1000:]))
+            tiles.append(f"{int(vehicle.instance.pool.head[0])}" if vehicle.instance.pool else "none")
+        series(name, "longer drive", "m", distances, results, f"tiles of soil: {', '.join(tiles)}" if name == "SCM" else "")
+    cells = (0.02, 0.01, 0.005)
+    results = [times(Vehicle(Instance(SCM(2), cell=cell), freedom(2)))[0] for cell in cells]
+    series("SCM", "finer cells, of 20, 10, 5 mm", "cells / m2", [1.0 / cell**2 for cell in cells], results)
+    table(["tier", "ground", "size", "size: us a step, best / median", "exponent", ""], rows)
+    for name, model in {"VEM": VEM(2, 2), "BCM": BCM(2, 2)}.items():
+        cost = times(Vehicle(Instance(model), freedom(2), ground=lambda x, y: 0.0 * x))[0]
+        print(f"\n{name}, two wheels on patches of 13 x 9 nodes: {both(cost)} us a step", end="")
+    print()
+    return worst
+
+
+def by_contacts(folder: Path) -> dict[str, float]:
+    """Print costs by number of contacts with bodies; exponent of each tier."""
+    ball = export(folder, "ball", trimesh.creation.icosphere(3, BALL))
+    rows, growth = [], {}
+    for name, model in {"RBC": RBC, "VEM": lambda w, n: VEM(w, 0, n)}.items():
+        results = []
+        for n in WHEELS:
+            at = Vehicle(Instance(SCM(n)), ()).offsets[:, :2]
+            bodies = [(ball, (x + dx, y, 0.0)) for x, y in at for dx in (-0.08, 0.08)]
+            slippery = {f"body[{j}].mu": 0.2 for j in range(1, len(bodies) + 1)}
+            instance = with_bodies(model(n, len(bodies)), bodies, n_g=0, **slippery)
+            results.append(times(Vehicle(instance, freedom(n), clearance=BALL + 0.001, radius=0.125)))
+        growth[name] = exponent([k for _, k in results[1:]], [cost[1] for cost, _ in results[1:]])
+        text = "; ".join(f"{k:.0f}: {both(cost)}" for cost, k in results)
+        rows.append([f"{name}, 1 to 8 wheels that spin between two stones each", text, f"{growth[name]:.2f}"])
+    results, numbers = [], (1, 2, 4, 8)
+    for n in numbers:
+        results.append(dragged(n, ball))
+    growth["SCM"] = exponent(numbers, [cost[1] for cost in results])
+    text = "; ".join(f"{n}: {both(cost)}" for n, cost in zip(numbers, results))
+    rows.append(["SCM, balls of 0.1 m that are drawn through sand, 20 mm deep", text, f"{growth['SCM']:.2f}"])
+    table(["contacts", "contacts: us a step, best / median", "exponent"], rows)
+    return growth
+
+
+def dragged(n: int, ball: Path) -> tuple[float, float]:
+    """Cost of a step of SCM with n bodies that move."""
+    soil = with_bodies(SCM(1, 0, n), [(ball, (0.0, 0.3 * k, BALL + 0.01)) for k in range(n)])
+    soil.u.wheel["active"] = 0.0
+    soil.initialise()
+    vehicle = Timed(soil)
+    for k in range(2000):
+        for body in soil.u.body:
+            body.v_0[:] = 0.1, 0.0, -0.1 if k < 300 else 0.0
+            body.r_0 += H * body.v_0
+        vehicle.step(k * H)
+    return summary(vehicle.times)
