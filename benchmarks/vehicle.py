@@ -91,7 +91,7 @@ class Vehicle:
         self.times.append(time.perf_counter() - start)
         M, Q = self._inertia(h), self._own_force()
         C, K = np.zeros((6, 6)), np.zeros(6)
-        for wheel, (arm, axle) in zip(self.instance.y.wheel, self._arms):
+        for wheel, (arm, _) in zip(self.instance.y.wheel, self._arms):
             Q[:3] += wheel.f_0
             Q[3:] += wheel.t_0 + np.cross(arm, wheel.f_0)
         n = 0
