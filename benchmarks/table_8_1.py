@@ -218,7 +218,7 @@ def answers_to(make: Callable[..., Instance], name: str) -> bool:
         instance = make()
         instance.p[name] += more if name == "n_g" else 0.01 * more * instance.p[name]
         wheel = instance.u.wheel[0]
-        wheel["T"][:] = axis_rotation(2, 0.1) @ axis_rotation(1, 0.1)
+        wheel["T"][:] = axis_rotation(2, 0.3) @ axis_rotation(1, 0.1)
         depth = 0.005 if "reach" in instance.model.parameters.fields else 0.025  # of grousers in rock, of the rim in sand
         wheel.r_0[2] = TIP * math.cos(0.1) + 0.0625 * math.sin(0.1) - depth
         wheel.v_0[0], wheel.w_0[1] = 0.1, 1.0
