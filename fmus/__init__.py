@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
 
 from cdl_fmu.bcm import BCM
@@ -25,6 +25,7 @@ SHIPPED = [
     *(BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), BCM(1, 1, 1)),
     *(SCM(1), SCM(2), SCM(1, 1), SCM(1, 1, n_compacted=1)),
     *(VEM(1), VEM(2), VEM(1, 1)),
+    *(BCM(2, n_grounds=1), VEM(2, n_grounds=1)),
     *(RBC(2, 1), VEM(2, 0, 1), SCM(2, 0, 1), Rover(2, 1, 1)),  # for a rover and a rock
     *(Rover(2), Driver(2), Carriage(1)),
 ]
@@ -38,7 +39,7 @@ _FAMILIES = {
     "cdl_driver": Driver,
     "cdl_carriage": Carriage,
 }
-_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted", "h": "n_hard"}
+_SIZES = {"w": "n_wheels", "p": "n_patches", "b": "n_bodies", "c": "n_compacted", "h": "n_hard", "g": "n_grounds"}
 
 #: The statements of section 8.5 on the experiment two_wheel, which `cdl compare` measures.
 CLAIMS = Path(__file__).with_name("two_wheel_claims.toml")
@@ -68,15 +69,15 @@ def model_of(identifier: str) -> Model:
     shipped = ", ".join(model.identifier for model in SHIPPED)
     raise ModelError(
         f"there is no FMU {identifier!r}{why}; shipped are {shipped}, and with other numbers of wheels (w), patches (p), patches with "
-        "compaction (c), bodies (b) and, of the rover, hard contacts (h) others can be built, such as cdl_scm_w4p2b1"
+        "compaction (c), bodies (b), meshes of the ground (g) and hard contacts of a rover (h) others can be built, such as cdl_scm_w4p2b1"
     )
 
 
-def contacts(tiers: Iterable[str], compaction: bool = False, n_rocks: int = 0) -> dict[str, KernelModel]:
+def contacts(tiers: Iterable[str], compaction: bool = False, n_rocks: int = 0, on_mesh: Container[str] = ()) -> dict[str, KernelModel]:
     """The model of each tier for wheels on these tiers, in an order in which each needs the outputs of earlier ones alone.
 
     Where SCM carries a wheel it owns the soil, in which rocks lie, and the wheels of other tiers stand on patches of it, which say what
-    pressed the soil before if ``compaction`` is wanted.
+    pressed the soil before if ``compaction`` is wanted. The ground of tiers in ``on_mesh`` is a mesh.
     """
     wheels = Counter(tiers)
     n_scm, n_bcm, n_vem = wheels["SCM"], wheels["BCM"], wheels["VEM"]
@@ -85,7 +86,7 @@ def contacts(tiers: Iterable[str], compaction: bool = False, n_rocks: int = 0) -
     if n_scm:
         models["SCM"] = SCM(n_scm, n_bcm + n_vem, n_rocks, n_compacted)
     if n_bcm:
-        models["BCM"] = BCM(n_bcm, n_bcm if n_scm else 0, n_compacted)
+        models["BCM"] = BCM(n_bcm, n_bcm if n_scm else 0, n_compacted, int("BCM" in on_mesh))
     if n_vem:
-        models["VEM"] = VEM(n_vem, n_vem if n_scm else 0)
+        models["VEM"] = VEM(n_vem, n_vem if n_scm else 0, n_grounds=int("VEM" in on_mesh))
     return models

@@ -15,7 +15,7 @@ from .results import ResultError, open_result
 from .run import Outcome, RunError, run
 from .soil_map import soil_of
 from .ssp import UNPACKED, read_system
-from .wheels import carriage_of, dimensions_of, environment_of, ground_of, wheels_of
+from .wheels import carriage_of, dimensions_of, environment_of, ground_of, rocks_of, wheels_of
 
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
 
@@ -89,7 +89,7 @@ def simulate(
         status("loading the FMUs")
         system = read_system(package, UNPACKED)
         attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system), "dimensions": dimensions_of(system)}
-        attributes |= {"carriage": carriage_of(system), "environment": environment_of(system)}
+        attributes |= {"carriage": carriage_of(system), "environment": environment_of(system), "hard": rocks_of(system)}
         outcome = run(
             system,
             out,

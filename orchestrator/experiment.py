@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,31 +12,21 @@ from pathlib import Path
 import numpy as np
 
 from cdl_fmu.slave.interface import ENVIRONMENT
-from cdl_fmu.slave.model import Instance, Model, ModelError, describe_violation, parse_value
-from cdl_fmu.slave.records import Choice, Real, Record, Scalar
+from cdl_fmu.slave.model import Instance, ModelError, describe_violation, parse_value
+from cdl_fmu.slave.records import Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
 from cdl_fmu.unloading import UNLOADING
 from cdl_fmu.wheel import WHEEL
-from fmus import EXPERIMENTS, ROCK_TIERS, TIERS, contacts
+from fmus import ROCK_TIERS, TIERS, contacts
 
 from . import soil_range
 from .assemble import assemble
 from .keys import flat, joined, within
-from .rigs import ROVER, TESTBED, Rig, rig_of
+from .rigs import ROVER, TESTBED, Rig
 from .rocks import MESH, ROCK, ROCKS, Rock, make_rock
 from .schemes import SCHEMES
-
-#: The [run] section.
-RUN = Record(
-    stop_time=Real(10.0, "s", "End of the run", min=0.0),
-    step=Real(1e-3, "s", "Communication step", min=1e-6, max=1.0),
-    record_interval=Real(1e-3, "s", "Time between two rows of the result; the nearest multiple of the step is taken", min=1e-6),
-    scheme=Choice("Coupling scheme", **{name: (kind.__doc__ or "").split("\n")[0] for name, kind in SCHEMES.items()}),
-)
-
-
-class ExperimentError(ValueError):
-    """An experiment cannot be run as written; the message names file, line, key, value, unit and remedy."""
+from .sections import RUN, files_in, models_of, sections_of, takes_one
+from .tables import ExperimentError, read_tables
 
 
 @dataclass(frozen=True)
@@ -68,7 +57,7 @@ def load_experiment(
     Raises:
         ExperimentError: the file or a value is wrong.
     """
-    return Experiment(*_read(source, tiers, soil, overrides or {}))
+    return Experiment(*read_tables(source, tiers, soil, overrides or {}))
 
 
 def swept_keys(
@@ -85,10 +74,10 @@ def swept_keys(
     Raises:
         ExperimentError: the file is wrong, or a list is empty or has a value twice.
     """
-    *_, tables, options, rig = _read(source, tiers, soil, overrides or {})
+    *_, tables, options, rig = read_tables(source, tiers, soil, overrides or {})
     if rig is not TESTBED:
         return {}
-    lists = {key: value for key, value in flat(tables) if isinstance(value, list) and _takes_one(key, rig)}
+    lists = {key: value for key, value in flat(tables) if isinstance(value, list) and takes_one(key, rig)}
     for key, values in lists.items():
         if not values or any(value in values[:i] for i, value in enumerate(values)):
             what = "a value is given twice" if values else "there is no value"
@@ -98,7 +87,7 @@ def swept_keys(
 
 def wheels_in(source: str | Path) -> list[str]:
     """Names of an experiment's wheels. Raises ExperimentError if its file is wrong."""
-    *_, rig = _read(source, None, None, {})
+    *_, rig = read_tables(source, None, None, {})
     return list(rig.tiers)
 
 
@@ -106,57 +95,6 @@ def meant_for(tiers: Iterable[str], others: Iterable[str], overrides: Mapping[st
     """``overrides`` of a run with wheels on ``tiers``, without those that are for other tiers, on which only other runs of a series are."""
     elsewhere = {str(tier).lower() for tier in others} - {str(tier).lower() for tier in tiers}
     return {key: value for key, value in (overrides or {}).items() if key.partition(".")[0] not in elsewhere}
-
-
-def _read(source: str | Path, tiers: Sequence[str] | None, soil: str | Path | None, overrides: Mapping[str, object]) -> tuple:
-    """File, its text, its tables with the options' values in place, key -> the command line's option that gave it, kind of experiment."""
-    path = EXPERIMENTS.get(str(source), Path(source))
-    if not path.is_file():
-        raise ExperimentError(f"no experiment {str(source)!r}: use one of {', '.join(EXPERIMENTS)} or the path of a .toml file")
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # Windows' editors write a byte order mark
-        tables = tomllib.loads(text)
-    except UnicodeDecodeError as error:
-        raise ExperimentError(f"{path.name} is no text in UTF-8 ({error}): give an experiment's .toml file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ExperimentError(f"{path.name}: {error}") from None
-    rig = rig_of(tables)
-    options = {}  # key -> the command line's option that gave it
-
-    def put(key: str, value: object, option: str) -> None:
-        *sections, last = key.split(".")
-        table = tables
-        for section in sections:
-            table = _section_of(table, section, option)
-        table[last] = value
-        options[key] = option
-
-    if tiers is not None:
-        option = f"--tiers {','.join(tiers)}"
-        if len(tiers) != len(rig.tiers):
-            number = "1 tier" if len(rig.tiers) == 1 else f"{len(rig.tiers)} tiers"
-            raise ExperimentError(f"{option}: give {number}, {','.join(rig.tiers).upper()}")
-        for key, tier in zip(rig.tiers.values(), tiers):
-            put(key, tier, option)
-    if soil is not None:
-        tables["soil"] = {}
-        put("soil.set", str(soil), f"--soil {soil}")
-    for key, value in overrides.items():
-        put(key, value, f"--set {key}")
-    return path, text, tables, options, rig
-
-
-def _section_of(table: dict, section: str, option: str) -> dict:
-    """The section of a table, made if there is none; ``rock[2]`` is the second [[rock]]."""
-    if counted := re.fullmatch(r"(\w+)\[(\d+)\]", section):
-        each = table.get(counted[1], [])
-        if not isinstance(each, list) or not 0 < int(counted[2]) <= len(each):
-            raise ExperimentError(f"{option}: there is no [[{counted[1]}]] of number {counted[2]} in the experiment")
-        return each[int(counted[2]) - 1]
-    found = table.setdefault(section, {})
-    if not isinstance(found, dict):
-        raise ExperimentError(f"{option}: {section} is a value, not a section")
-    return found
 
 
 class Experiment:
@@ -184,18 +122,19 @@ class Experiment:
         #: part -> its model
         self._models = {part: kind() for part, kind in rig.parts.items()}
         tables, self._compaction = self._structure(tables)
-        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction, n).items()}
+        on_mesh = self._on_mesh(tables)
+        self._models |= {tier.lower(): model for tier, model in contacts(self.tiers.values(), self._compaction, n, on_mesh).items()}
         if n:
             self._models[rig.mover] = rig.parts[rig.mover](len(rig.tiers), n, 1)
             self._models[ROCKS] = ROCK_TIERS[self.rock_tier](len(rig.tiers), n)
-        models = _models(rig) | self._models
-        self._records = _sections(rig, models)
+        models = models_of(rig) | self._models
+        self._records = sections_of(rig, models)
         tables = {key: value for key, value in tables.items() if key not in ("rock", "rocks")}
         self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
         self._values = {
-            section: self._section(section, record, models[section].files if section in models else {}, tables.get(section, {}))
+            section: self._section(section, record, files_in(section, models), tables.get(section, {}))
             for section, record in self._records.items()
         }
         keys = self._section("", rig.keys, {}, {key: tables[key] for key in rig.keys.fields if key in tables})
@@ -220,7 +159,7 @@ class Experiment:
         for name, model in self._models.items():
             made[name] = Instance(model, name)
             own = {s.name for s in model.scalars["p"]}
-            made[name].set_starts({k: v for k, v in shared.items() if k in own} | self._values.get(name, {}))
+            made[name].set_starts({k: v for k, v in (shared | self._values.get(name, {})).items() if k in own or k in model.files})
             if name == ROCKS:
                 tier = {k: v for k, v in self._values[self.rock_tier.lower()].items() if k in own or k in model.files}
                 made[name].set_starts(tier)
@@ -262,8 +201,9 @@ class Experiment:
 
     def _idle_options(self) -> list[str]:
         """Options that set a value of a tier without wheel; the file's own sections may wait for one."""
-        idle = {tier.lower(): tier for tier in TIERS if tier.lower() not in self._models}
-        on = ", ".join(dict.fromkeys(self.tiers.values()))
+        used = {*self.tiers.values(), *([self.rock_tier] if self.rocks else [])}
+        idle = {tier.lower(): tier for tier in (*TIERS, *ROCK_TIERS) if tier not in used}
+        on = ", ".join(dict.fromkeys([*self.tiers.values(), *([self.rock_tier] if self.rocks else [])]))
         found = []
         if self._compaction and "bcm" in self._models and not self._models["bcm"].sizes["n_compacted"]:
             place = self._place("bcm", "compaction")
@@ -286,7 +226,8 @@ class Experiment:
         given, section = tables.get("rock", []), tables.get("rocks", {})
         if not isinstance(given, list):
             raise ExperimentError(f"{self._place('rock', '')}: write each rock as a section [[rock]], with two brackets")
-        tier = section.get("tier", next(iter(ROCK_TIERS))) if isinstance(section, Mapping) else section
+        self._refuse_unknown(section, "rocks", ["tier"])
+        tier = section.get("tier", next(iter(ROCK_TIERS)))
         if tier not in ROCK_TIERS:
             where = self._place("rocks", "tier")
             raise ExperimentError(f"{where}: rocks.tier = {tier!r} is unknown; use one of {', '.join(ROCK_TIERS)}")
@@ -316,6 +257,17 @@ class Experiment:
             where = self._place("bcm", "compaction")
             raise ExperimentError(f"{where}: bcm.compaction = {wanted!r}: use true (wheels feel what pressed the soil before) or false")
         return dict(tables, bcm={key: value for key, value in section.items() if key != "compaction"}), wanted
+
+    def _on_mesh(self, tables: Mapping) -> set[str]:
+        """Tiers whose ground is a mesh."""
+        found = {tier for tier in self.tiers.values() if tables.get(tier.lower(), {}).get("ground")}
+        if found and "SCM" in self.tiers.values():
+            section = min(found).lower()
+            where = self._place(section, "ground")
+            raise ExperimentError(
+                f"{where}: {section}.ground: all wheels stand on the soil of the one on SCM; give scm.base, or no wheel on SCM"
+            )
+        return found
 
     def _width_outside(self) -> list[str]:
         width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)
@@ -437,33 +389,3 @@ class Experiment:
 def _choice(value):
     """``true`` and ``false`` of a file as choices have them."""
     return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
-
-
-def _models(rig: Rig) -> dict[str, Model]:
-    """A model of each part and of each tier, so that one file serves runs on any of them."""
-    return {
-        **{part: kind() for part, kind in rig.parts.items()},
-        **{tier.lower(): kind(len(rig.tiers), 1) for tier, kind in ROCK_TIERS.items()},
-        **{tier.lower(): kind() for tier, kind in TIERS.items()},
-    }
-
-
-def _sections(rig: Rig, models: Mapping[str, Model]) -> dict[str, Record]:
-    """Section -> what it holds."""
-    elsewhere = {*(ENVIRONMENT | SOIL | WHEEL).fields, *rig.given}
-    elsewhere |= {"rock"}
-    rocks = {tier.lower(): kind(len(rig.tiers), 1).parameters.fields for tier, kind in ROCK_TIERS.items()}
-    own = {
-        part: Record(**{k: f for k, f in (rocks.get(part, {}) | model.parameters.fields).items() if k not in elsewhere})
-        for part, model in models.items()
-    }
-    return {"run": RUN, "environment": ENVIRONMENT, "soil": SOIL, "wheel": WHEEL, **own}
-
-
-def _takes_one(key: str, rig: Rig) -> bool:
-    """Whether a key has one value, not an array of them."""
-    if key in rig.keys.fields or key in rig.tiers.values() or key == "soil.set":
-        return True
-    models, (section, _, name) = _models(rig), key.partition(".")
-    record = _sections(rig, models).get(section, Record())
-    return name in {s.name for s in record.scalars()} or (section in models and name in models[section].files)

@@ -42,6 +42,7 @@ class Moment:
         mass: Position of the rover's point mass [3] [m].
         dimensions: ``r_w, b_w, h_g, mass_height`` [m], ``n_g`` [1].
         ground: Height of the undeformed ground [m].
+        rocks: Triangles of each rock in world, [n, 3, 3] [m].
     """
 
     result: xr.Dataset
@@ -50,6 +51,7 @@ class Moment:
     mass: np.ndarray
     dimensions: dict[str, float]
     ground: float
+    rocks: list[np.ndarray]
 
     def surface(self, x: tuple[float, float], y: tuple[float, float]) -> xr.DataArray:
         """Soil z(x, y) [m] on all nodes within the bounds [m]; flat ground if nothing of this run deforms.
@@ -104,7 +106,15 @@ def moment_in_row(result: xr.Dataset, row: int) -> Moment:
         _values(result, "rover.body.r_0[{}]", "123", row) + dimensions["mass_height"] * up,
         dimensions,
         float(result.attrs.get("ground_z", 0.0)),
+        [_triangles(result, rock, row) for rock in json.loads(result.attrs.get("hard", "{}")).get("rocks", [])],
     )
+
+
+def _triangles(result: xr.Dataset, rock: dict, row: int) -> np.ndarray:
+    indices = [f"{a},{b}" for a in "123" for b in "123"]
+    T = _values(result, rock["port"] + ".T[{}]", indices, row).reshape(3, 3)
+    vertices = _values(result, rock["port"] + ".r_0[{}]", "123", row) + np.array(rock["vertices"]) @ T
+    return vertices[np.array(rock["faces"])]
 
 
 def _pose(wheel: Wheel, row: int) -> Pose:

@@ -111,6 +111,10 @@ def plot(result: xr.Dataset, measured: Measured | None = None) -> Figure:
         from .testbed_picture import run_picture  # which reads wheels from here
 
         return run_picture(result, measured)
+    if json.loads(result.attrs.get("hard", "{}")):
+        from .rocks_picture import rocks_picture
+
+        return rocks_picture(result)
     if {"front", "rear"} == {wheel.name for wheel in wheels}:
         return figure_8_12({", ".join(f"{wheel.name} {wheel.tier}" for wheel in wheels): result})
     return wheels_over_time(result)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from cdl_fmu.mesh.ray import highest, mesh_ground
+from cdl_fmu.mesh.surface import load_surface
+from cdl_fmu.slave.interface import body_pose
 from cdl_fmu.slave.model import Instance, Model, ModelError
 from cdl_fmu.slave.records import Real, Record
 from cdl_fmu.terrain.raster import load_raster
@@ -70,6 +74,7 @@ class _RoverRig(Rig):
 LEAST_TRAVEL, TRAVEL_IN_RADII = 0.5, 8.0
 #: Travel of rim or hub in one step [m], and the longest step [s]: soil in cells of 5 mm then answers as in shorter steps.
 STEP_TRAVEL, LONGEST_STEP = 1e-4, 0.01
+_HIGH = 1e4  # [m] above all meshes
 _STOPS_PER_SECOND = 10.0  # tenths of a second are multiples of the usual steps
 
 
@@ -175,12 +180,30 @@ def ground_under(contacts: Contacts, points: np.ndarray) -> np.ndarray:
             both = f"{name}.ground_z = {other.ground_z:g} m, but {first}.ground_z = {p.ground_z:g} m"
             raise ModelError(f"{both}: the wheels stand on one ground; set both alike")
     base = next((contact.files["base"] for contact, _ in contacts.values() if contact.files.get("base")), None)
+    mesh = next((contact.files["ground"] for contact, _ in contacts.values() if contact.files.get("ground")), None)
+    if mesh is not None:
+        return _on_mesh(Path(mesh), points)
     if base is None:
         return np.full(len(points), float(p.ground_z))
     raster = load_raster(base)
     axes = [first + raster.spacing * np.arange(n) for first, n in zip(raster.origin, raster.z.shape)]
     # Beyond the raster the last slope goes on: the contact that stands there refuses by name.
     return RegularGridInterpolator(axes, raster.z, bounds_error=False, fill_value=None)(points[:, :2])
+
+
+def _on_mesh(path: Path, points: np.ndarray) -> np.ndarray:
+    pose = np.zeros(1, body_pose(1).fields["body"].record.dtype)
+    pose["T"] = np.eye(3)
+    ground = mesh_ground(load_surface(path, ground=True).arrays, pose)
+    heights = []
+    for x, y, *_ in points:
+        hit, z, *_ = highest(ground, x, y, _HIGH)
+        if not hit:
+            raise ModelError(
+                f"ground = {path.name}: it does not reach below ({x:.4g}, {y:.4g}) m, where a wheel or rock starts; move it there"
+            )
+        heights.append(z)
+    return np.array(heights)
 
 
 def _round_down(value: float) -> float:

@@ -13,8 +13,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from .moment import Moment, Pose
 
 #: Colours of wheels by tier and of the rover's body (Okabe & Ito 2008, for all eyes).
-TIER_COLOURS = {"SCM": "#D55E00", "BCM": "#0072B2"}
+TIER_COLOURS = {"SCM": "#D55E00", "BCM": "#0072B2", "VEM": "#009E73"}
 BODY_COLOUR = "#333333"
+ROCK_COLOUR = "#8C7B75"
 #: Heights of soil, even in lightness for all eyes.
 HEIGHTS = matplotlib.colormaps["cividis"]
 
@@ -65,6 +66,14 @@ class Scene:
         self._facets.append(facets.reshape(-1, 4, 3))
         shaded = lit(rgb, normals, self._sun).reshape(-1, 3)
         self._colours.append(np.column_stack([shaded, np.full(len(shaded), opacity)]))
+
+    def add_triangles(self, triangles: np.ndarray, colour: str) -> None:
+        """A surface of triangles [n, 3, 3] [m] with outward normals in one ``colour``, shaded by the sun."""
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        seen = normals @ self._viewer > 0.0
+        self._facets.append(triangles[seen][:, [0, 1, 2, 2]])
+        self._colours.append(np.column_stack([lit(np.array(to_rgb(colour)), normals[seen], self._sun), np.ones(seen.sum())]))
 
     def add_soil(self, moment: Moment, heights: Normalize) -> None:
         """The soil within the bounds, coloured by its height above the undeformed ground in ``heights`` [mm]."""

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 
+import trimesh
+
 from .slip import slip_of
 from .ssp import System
 from .ssp.system import Component
 
 _FORCE = re.compile(r"wheel\[(\d+)\]\.f_0\[1\]")
 _TIER = re.compile(r"cdl_([a-z]+)_w\d+")
+_HARD, _BODY = re.compile(r"cdl_(rbc|vem)_w\d+b\d+"), re.compile(r"body\[(\d+)\]\.r_0\[1\]")
 #: What a result says of a carriage, by the keys of experiments -> the carriage's parameter.
 _CARRIAGE = {"load_N": "load", "carriage_speed": "speed", "slip_angle": "slip_angle", "wheel_rate": "wheel_rate"}
 
@@ -39,6 +42,32 @@ def wheels_of(system: System) -> list[dict[str, str | int]]:
     some = {1: ["wheel"], 2: ["front", "rear"]}
     names = some.get(len(found), [f"wheel {w['rover_index']}" for w in found])
     return [{"name": name, **wheel} for name, wheel in zip(names, found)]
+
+
+def rocks_of(system: System) -> dict[str, object]:
+    """The contact of wheels and rocks, and the rocks, as a result names them; empty for a system without.
+
+    ``tier``, ``instance``, and ``rocks``, a list of ``{"port": "rover.rock[1]", "vertices": [[x, y, z], ...], "faces": [[i, j, k], ...]}``:
+    the channels of each rock's pose, and its mesh in its own frame [m], from the FMU's resources.
+    """
+    for component in system.components.values():
+        hard = _HARD.fullmatch(component.model_description.modelName)
+        ports = {
+            int(body[1]): f"{connection.source_component}.{connection.source_variable.rpartition('.')[0]}"
+            for connection in system.connections
+            if hard and connection.target_component == component.name and (body := _BODY.fullmatch(connection.target_variable))
+        }
+        if ports:
+            rocks = [{"port": ports[j], **_mesh(component, f"body[{j}].mesh")} for j in sorted(ports)]
+            return {"tier": hard[1].upper(), "instance": component.name, "rocks": rocks}
+    return {}
+
+
+def _mesh(component: Component, name: str) -> dict[str, list]:
+    starts = {variable.name: variable.start for variable in component.model_description.modelVariables}
+    path = component.directory / "resources" / str(component.parameters.get(name, starts[name]))
+    mesh = trimesh.load_mesh(path)
+    return {"vertices": mesh.vertices.round(5).tolist(), "faces": mesh.faces.tolist()}
 
 
 def ground_of(system: System) -> float:

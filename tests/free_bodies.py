@@ -46,23 +46,15 @@ class FreeBody:
         inertia = T.T @ self.inertia @ T
         v, w = body.v_0.copy(), body.w_0.copy()
         # Motion of the material at point_0: v + w x r.
-        arm = _cross_matrix(support.point_0 - body.r_0)
-        to_point = np.block([[np.eye(3), -arm], [np.zeros((3, 3)), np.eye(3)]])
+        to_point, mass = np.eye(6), self.mass * np.eye(6)
+        to_point[:3, 3:], mass[3:, 3:] = -_cross_matrix(support.point_0 - body.r_0), inertia
         K, D = np.diag([*support.K, *support.K_r]), np.diag([*support.D, *support.D_r])
-        mass = np.block([[self.mass * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), inertia]])
         force = np.concatenate([y.f_0 + push - [0.0, 0.0, self.mass * G], y.t_0 - np.cross(w, inertia @ w)])
-        twist = np.concatenate([v, w])
-        implicit = to_point.T @ (D + h * K) @ to_point
-        change = np.linalg.solve(mass + h * implicit, h * (force - h * (to_point.T @ K @ to_point) @ twist))
+        K, D = to_point.T @ K @ to_point, to_point.T @ D @ to_point
+        change = np.linalg.solve(mass + h * D + h * h * K, h * (force - h * K @ np.concatenate([v, w])))
         body.v_0[:], body.w_0[:] = v + change[:3], w + change[3:]
         body.r_0 += h * body.v_0
-        angle = np.linalg.norm(body.w_0) * h
-        turn = np.eye(3)
-        if angle > 0.0:
-            axis = _cross_matrix(body.w_0 * h / angle)
-            turn += math.sin(angle) * axis + (1.0 - math.cos(angle)) * axis @ axis
-        u, _, v_t = np.linalg.svd(T @ turn.T)
-        body["T"][:] = u @ v_t
+        body["T"][:] = T @ turn(-h * body.w_0)
 
     @property
     def energy(self) -> float:
@@ -72,7 +64,7 @@ class FreeBody:
         return float(0.5 * self.mass * body.v_0 @ body.v_0 + 0.5 * spin @ self.inertia @ spin + self.mass * G * body.r_0[2])
 
     def run(self, seconds: float, h=1e-3, push=(0.0, 0.0, 0.0)) -> np.ndarray:
-        """Rows of position, velocity, angular velocity, force and energy after each step, [n, 13]."""
+        """Position, velocity, angular velocity, force and energy [m, m/s, rad/s, N, J] after each step, [n, 13]."""
         rows = []
         for _ in range(round(seconds / h)):
             self.step(h, push)
@@ -81,5 +73,13 @@ class FreeBody:
         return np.array(rows)
 
 
-def _cross_matrix(a):
+def turn(rotation: np.ndarray) -> np.ndarray:
+    """Matrix that turns vectors by a rotation vector [rad] (Rodrigues)."""
+    angle = np.linalg.norm(rotation)
+    axis = _cross_matrix(rotation / max(angle, 1e-30))
+    return np.eye(3) + math.sin(angle) * axis + (1.0 - math.cos(angle)) * axis @ axis
+
+
+def _cross_matrix(a: np.ndarray) -> np.ndarray:
+    """Matrix of the vector product with a."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

@@ -10,13 +10,13 @@ TOP = -0.03
 
 
 def files_of(model) -> dict[str, Path]:
-    """A mesh for each body of a model."""
-    names = [name for name in model.files if name.startswith("body[")]
+    """A mesh for each body of a model, and for the ground that it stands on."""
+    names = [name for name in model.files if name.startswith("body[") or name == "ground"]
     if not names:
         return {}
-    path = Path(gettempdir(), "cdl_slab_for_tests.stl")
+    path = Path(gettempdir(), "cdl_wide_slab_for_tests.stl")
     if not path.exists():
-        slab = trimesh.creation.box((4.0, 1.0, 0.2))
+        slab = trimesh.creation.box((4.0, 1.8, 0.2))
         slab.apply_translation((0.0, 0.0, -0.1))
         part = path.with_suffix(".part.stl")
         slab.export(part)

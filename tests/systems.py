@@ -42,3 +42,32 @@ def run_two_wheel(folder, *, tiers, overrides=None, **options):
     load_experiment("two_wheel", tiers=tiers, overrides=overrides).write_system(path)
     system = read_system(path, folder / "unpacked")
     return run(system, folder, soil=soil_of(system), attributes={"wheels": wheels_of(system)}, **options)
+
+
+#: A rover whose front wheel comes to a rock after half a second; cells are coarse and steps few.
+SPARSE_ROCKS = """
+title = "One rock"
+
+[run]
+stop_time = 1.2
+
+[tiers]
+front = "SCM"
+rear = "SCM"
+
+[rocks]
+tier = "RBC"
+
+[scm]
+cell = 0.02
+
+[driver]
+wheel_rate = 1.0
+start_ramp = 0.1
+steer_at = [1e6, 1e6]
+
+[[rock]]
+x = 0.82
+size = [0.16, 0.16, 0.08]
+seed = 3
+"""

@@ -7,7 +7,7 @@ import pytest
 from meshes import Scene, pose
 
 from cdl_fmu.frames import axis_rotation
-from cdl_fmu.mesh.contacts import CONTACT, GAP, ID, NORMAL, POINT
+from cdl_fmu.mesh.contacts import CONTACT, GAP, ID, NORMAL, POINT, WEIGHT
 from cdl_fmu.mesh.reduce import shares, thin_out
 from cdl_fmu.mesh.rocks import rock
 from cdl_fmu.wheel_mesh import grouser_plates
@@ -21,7 +21,7 @@ def candidates(*rows):
     for row, (x, y, gap, tilt) in zip(contacts, rows):
         row[POINT : POINT + 2], row[GAP] = (x, y), gap
         row[NORMAL : NORMAL + 3] = math.sin(tilt), 0.0, math.cos(tilt)
-    contacts[:, ID] = np.arange(len(rows))
+    contacts[:, ID], contacts[:, WEIGHT] = np.arange(len(rows)), 1.0
     return contacts
 
 
@@ -121,3 +121,13 @@ def test_small_changes_of_the_pose_change_the_force_little(own):
         z = wheel.resting(x)
         moved = wheel.load(x + 1e-7, z - 1e-7)
         assert np.abs(moved - wheel.load(x, z)).max() < 2e-6
+
+
+def test_a_candidate_that_fades_out_takes_nothing_from_its_neighbour():
+    """Together they bear as one spring at any weight, and alone one bears its weight."""
+    contacts, out = candidates((0, 0, -0.001, 0), (0, 0, -0.001, 0), (0.1, 0, -0.001, 0)), np.ones(3)
+    for weight in np.linspace(0.01, 1.0, 12):
+        contacts[1, WEIGHT] = contacts[2, WEIGHT] = weight
+        shares(contacts, 0, 3, 0.02, out)
+        assert out[0] + out[1] == pytest.approx(1.0)
+        assert out[2] == pytest.approx(weight)

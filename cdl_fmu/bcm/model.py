@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
 from ..contact import (
     LEAST_CAMBER_COSINE,
-    NO_DATA,
     SLIP_FLOOR,
-    WHEEL_EVENTS,
     anchor_here,
-    has_pose,
     lowest_point,
-    refusal,
-    release,
-    sees,
     show,
 )
 from ..frames import cross, dot
+from ..mesh.pool import ConstantPool
 from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
-from ..slave.model import STATUS_SPAN, Event, KernelModel, ModelError
-from ..slave.records import Array, Choice, Real, Record
+from ..slave.model import KernelModel, ModelError
+from ..slave.records import Choice, Real, Record
 from ..soil import SOIL, check_bearing, check_rho
 from ..strength import STRENGTH, STRENGTHS
-from ..terrain.follow import PLANE, TAU_N, follow_plane
-from ..terrain.patch import surface
+from ..terrain.follow import TAU_N
+from ..terrain.stand import (
+    GROUND,
+    STAND_EVENTS,
+    check_grounds,
+    ground_pool,
+    initialise_flat,
+    initialise_planes,
+    stand_state,
+    step_on_flat,
+    step_on_mesh,
+    step_on_patches,
+)
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
 from ..unloading import UNLOADING, unloading_of
 from ..wheel import WHEEL, check_wheel
@@ -51,6 +56,7 @@ class BCM(KernelModel):
         n_patches: 0 for flat ground at ``ground_z``, or n_wheels: patch i is the ground of wheel i, and its contact plane is fitted
             in it as in Fig. 8.4.
         n_compacted: 0, or n_patches: the patches say what pressed the soil before, and the wheels feel it.
+        n_grounds: 1 if the ground is a mesh, in which the contact plane is fitted alike.
     """
 
     parameters = (
@@ -74,31 +80,30 @@ class BCM(KernelModel):
             tau_n=TAU_N,
         )
     )
-    events = WHEEL_EVENTS | {
-        _OUTSIDE: Event(
-            "wheel {i}, at ({wheel.r_0[0]:.4g}, {wheel.r_0[1]:.4g}) m, is outside patch[{i}]: "
-            "send the heights around the wheel's centre (origin, spacing, z)"
-        ),
-    }
+    events = STAND_EVENTS
 
-    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_compacted: int = 0):
-        if n_patches not in (0, n_wheels):
-            raise ValueError(f"n_patches = {n_patches}: choose 0 (flat ground) or {n_wheels} (a patch for each wheel)")
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_compacted: int = 0, n_grounds: int = 0):
+        check_grounds(n_wheels, n_patches, n_grounds)
         if n_compacted not in (0, n_patches):
             raise ValueError(
                 f"n_compacted = {n_compacted}: choose 0 or n_patches, which is {n_patches}: all patches carry compaction, or none"
             )
-        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_compacted=n_compacted)
-        sizes = {"p": n_patches, "c": n_compacted}
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_compacted=n_compacted, n_grounds=n_grounds)
+        sizes = {"p": n_patches, "c": n_compacted, "g": n_grounds}
         self.identifier = f"cdl_bcm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | patch_in(n_patches, n_compacted > 0)
-        self.state = Record(
-            wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"))),
-            plane=Array(n_patches, PLANE),
-        )
+        self.state = stand_state(n_wheels, n_patches, n_grounds)
         self.outputs = wheel_wrench(n_wheels) | contact_jacobian(n_wheels) | diagnostics(n_wheels)
-        self.initialise_kernel = _initialise_patches if n_patches else _initialise
-        self.step_kernel = step_on_patches(n_compacted > 0) if n_patches else _step
+        self.initialise_kernel = initialise_planes if n_patches or n_grounds else initialise_flat
+        if n_patches:
+            self.step_kernel = step_on_patches(_contact, n_compacted > 0)
+        else:
+            self.step_kernel = (step_on_mesh if n_grounds else step_on_flat)(_contact)
+        if n_grounds:
+            self.files, self.pool_class = GROUND, ConstantPool
+
+    def make_pool(self, p, files) -> ConstantPool | None:
+        return ground_pool(files) if self.sizes["n_grounds"] else None
 
     def check(self, p) -> None:
         check_bearing(p)
@@ -110,79 +115,6 @@ class BCM(KernelModel):
         if self.sizes["n_compacted"] and p.normal_model == 2.0:
             raise ModelError("normal_model = wong_reece: with compaction the stress is that of the local depth; use bekker")
         check_wheel(p)
-
-
-@kernel
-def _initialise(t, p, x, y):
-    for i in range(len(y.wheel)):
-        x.wheel[i].silent = 0.0
-        release(y.wheel[i], y.contact[i], y.diagnostics[i])
-
-
-@kernel
-def _initialise_patches(t, p, x, y):
-    for i in range(len(y.wheel)):
-        x.wheel[i].silent = 0.0
-        x.plane[i].known = 0.0
-        release(y.wheel[i], y.contact[i], y.diagnostics[i])
-
-
-@kernel
-def _step(t, h, p, u, x, y):
-    # Refuse before anything changes, so that the state of a refused step is the old one.
-    for i in range(len(u.wheel)):
-        refused = refusal(p, u.wheel[i], x.wheel[i].silent, p.ground_z)
-        if refused:
-            return refused + STATUS_SPAN * i
-    status = 0
-    for i in range(len(u.wheel)):
-        wheel = u.wheel[i]
-        if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
-            _contact(p, wheel, None, 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z, y.wheel[i], y.contact[i], y.diagnostics[i])
-        elif x.wheel[i].silent > 0.0:
-            status = NO_DATA + STATUS_SPAN * i
-    return status
-
-
-@cache
-def step_on_patches(compaction: bool):
-    """The step of a model on patches, with compaction in them or without."""
-
-    @kernel
-    def bear(p, wheel, patch, h, plane, wrench, contact, shown):
-        n_x, n_y, n_z, d = 0.0, 0.0, 1.0, wheel.r_0[2] - p.ground_z
-        if compaction:
-            if patch.spacing > 0.0:
-                n_x, n_y, n_z, d = follow_plane(p, wheel, patch, patch.sinkage, h, plane)
-            _contact(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown)
-        else:
-            if patch.spacing > 0.0:
-                n_x, n_y, n_z, d = follow_plane(p, wheel, patch, None, h, plane)
-            _contact(p, wheel, None, n_x, n_y, n_z, d, wrench, contact, shown)
-
-    @kernel
-    def step(t, h, p, u, x, y):
-        for i in range(len(u.wheel)):
-            wheel, z = u.wheel[i], p.ground_z
-            if wheel.active > 0.0 and u.patch[i].spacing > 0.0 and has_pose(wheel):
-                inside, z, _, _ = surface(u.patch[i], wheel.r_0[0], wheel.r_0[1])
-                if not inside:
-                    return _OUTSIDE + STATUS_SPAN * i
-            refused = refusal(p, wheel, x.wheel[i].silent, z)
-            if refused:
-                return refused + STATUS_SPAN * i
-        status = 0
-        for i in range(len(u.wheel)):
-            wheel = u.wheel[i]
-            if sees(wheel, x.wheel[i], y.wheel[i], y.contact[i], y.diagnostics[i]):
-                bear(p, wheel, u.patch[i], h, x.plane[i], y.wheel[i], y.contact[i], y.diagnostics[i])
-            else:
-                x.plane[i].known = 0.0
-                if x.wheel[i].silent > 0.0:
-                    status = NO_DATA + STATUS_SPAN * i
-        return status
-
-    return step
 
 
 @kernel

@@ -10,10 +10,10 @@ from ..slave.kernel import kernel
 from .surface import Meshes
 
 #: Columns of a candidate: indices of the two bodies; point [m], midway between the surfaces, and unit normal from B to A, the direction of
-#: the force on A, both in world axes; gap [m], below 0 where the bodies overlap; and a number that tells the pair of features, the same
-#: from step to step as long as these touch.
-A, B, POINT, NORMAL, GAP, ID = 0, 1, 2, 5, 8, 9
-CONTACT = 10
+#: the force on A, both in world axes; gap [m], below 0 where the bodies overlap; a number that tells the pair of features, the same from
+#: step to step as long as these touch; and a weight, 1 for what touches and less for what would if it were turned a little.
+A, B, POINT, NORMAL, GAP, ID, WEIGHT = 0, 1, 2, 5, 8, 9, 10
+CONTACT = 11
 
 #: Kinds of pairs: ID = kind + KINDS * (a number within the kind).
 VERTEX_OF_A, VERTEX_OF_B, EDGE_EDGE, RIM_VERTEX, RIM_EDGE, RIM_FACE = range(6)
@@ -48,13 +48,13 @@ def scratch_for(meshes: Meshes) -> Scratch:
 
 
 @kernel(inline=True)
-def add(contacts, n, a, b, x, y, z, n_x, n_y, n_z, gap, id_):
+def add(contacts, n, a, b, x, y, z, n_x, n_y, n_z, gap, id_, weight):
     """Write a candidate as row n if there is room; the next n, at most one more than there are rows."""
     if n < contacts.shape[0]:
         contacts[n, A], contacts[n, B] = a, b
         contacts[n, POINT], contacts[n, POINT + 1], contacts[n, POINT + 2] = x, y, z
         contacts[n, NORMAL], contacts[n, NORMAL + 1], contacts[n, NORMAL + 2] = n_x, n_y, n_z
-        contacts[n, GAP], contacts[n, ID] = gap, id_
+        contacts[n, GAP], contacts[n, ID], contacts[n, WEIGHT] = gap, id_, weight
     return min(n + 1, contacts.shape[0] + 1)
 
 

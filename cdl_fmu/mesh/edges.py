@@ -9,12 +9,15 @@ from ..slave.kernel import kernel
 from .surface import FACES
 
 _PARALLEL = 1e-6  # square of the sine between two edges below which their vertices alone make contacts
-_BEYOND = 1e-3  # sine by which a normal may leave an edge's cone: at the contact of two faces it lies in the bound of both
+_BEYOND = 0.035  # own choice: sine by which a normal may leave an edge's cone, 2 degrees
 
 
 @kernel(inline=True)
-def within_cone(meshes, edge, d_x, d_y, d_z, n_x, n_y, n_z):
-    """Whether a unit vector across a convex edge lies between the normals of its faces.
+def cone_weight(meshes, edge, d_x, d_y, d_z, n_x, n_y, n_z):
+    """Weight of a contact along a unit vector across a convex edge: 1 between the normals of its faces, less beyond, 0 from 2 deg on.
+
+    Where a plate's tip lies along a rock's face it is a contact at both edges of that, and at one of them as soon as it is tilted. Without
+    weights what bears would jump there.
 
     Args:
         d_x, d_y, d_z: Unit vector along the edge, from its first end.
@@ -23,10 +26,16 @@ def within_cone(meshes, edge, d_x, d_y, d_z, n_x, n_y, n_z):
     f, g = meshes.edges[edge, FACES], meshes.edges[edge, FACES + 1]
     # Into the first face from its edge is normal x edge, into the second one edge x normal; a vector of the cone has no part along either.
     x, y, z = cross(meshes.normals[f, 0], meshes.normals[f, 1], meshes.normals[f, 2], d_x, d_y, d_z)
-    if dot(x, y, z, n_x, n_y, n_z) > _BEYOND:
-        return False
+    weight = taper(dot(x, y, z, n_x, n_y, n_z) / _BEYOND)
     x, y, z = cross(d_x, d_y, d_z, meshes.normals[g, 0], meshes.normals[g, 1], meshes.normals[g, 2])
-    return dot(x, y, z, n_x, n_y, n_z) <= _BEYOND
+    return weight * taper(dot(x, y, z, n_x, n_y, n_z) / _BEYOND)
+
+
+@kernel(inline=True)
+def taper(x):
+    """1 up to x = 0, 0 from x = 1 on, smooth between them."""
+    x = min(max(x, 0.0), 1.0)
+    return 1.0 - x * x * (3.0 - 2.0 * x)
 
 
 @kernel(inline=True)

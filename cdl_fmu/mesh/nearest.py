@@ -6,13 +6,14 @@ import math
 
 from ..frames import dot
 from ..slave.kernel import kernel
+from .edges import taper
 from .surface import CORNERS, EDGES
 from .tree import FIRST_TRIANGLE, LAST_TRIANGLE, RIGHT, distance_to_box
 
 #: Where on a triangle its nearest point is: within, at corner 0, 1, 2, on the edge from there.
 WITHIN, CORNER, EDGE = 0, 1, 4
 _TOUCHING = 1e-12  # [m] from an edge or corner, below which the direction from there is rounding
-OPPOSES = -0.1  # own choice: cosine between a vertex's normal and that of a surface below which they may touch
+OPPOSES, _CLEARLY = -0.1, -0.3  # own choice: cosine between a vertex's normal and that of a surface below which they may touch, or do
 _ABOVE = 1e-18  # [m2] square of the distance from the edges of a face within which a point still lies over it
 
 
@@ -50,6 +51,12 @@ def nearest_on_triangle(vertices, triangles, t, x, y, z):
     return a_x + b_x * v + c_x * w, a_y + b_y * v + c_y * w, a_z + b_z * v + c_z * w, WITHIN
 
 
+@kernel(inline=True)
+def vertex_weight(cosine):
+    """Weight of a vertex' contact by the cosine between its normal and the surface's."""
+    return 1.0 - taper((OPPOSES - cosine) / (OPPOSES - _CLEARLY))
+
+
 @kernel
 def signed_distance(meshes, root, x, y, z, v_x, v_y, v_z, margin, stack):
     """Distance of a vertex of another body from a closed surface, if it may touch that.
@@ -65,7 +72,7 @@ def signed_distance(meshes, root, x, y, z, v_x, v_y, v_z, margin, stack):
         stack: Memory.
 
     Returns:
-        found, gap [m] (< 0 within), the surface's unit normal there (3), and whether the nearest feature is a vertex, too.
+        found, gap [m] (< 0 within), the surface's unit normal there (3), weight, and whether the nearest feature is a vertex, too.
     """
     vertices, triangles, normals = meshes.vertices, meshes.triangles, meshes.normals
     square, gap, n_x, n_y, n_z, at_corner = margin * margin, margin, 0.0, 0.0, 0.0, False
@@ -108,8 +115,10 @@ def signed_distance(meshes, root, x, y, z, v_x, v_y, v_z, margin, stack):
                 n_x, n_y, n_z = m_x, m_y, m_z
                 if abs(gap) > _TOUCHING:
                     n_x, n_y, n_z = d_x / gap, d_y / gap, d_z / gap
-    if found and dot(v_x, v_y, v_z, n_x, n_y, n_z) < OPPOSES:
-        return True, gap, n_x, n_y, n_z, at_corner
+    weight = vertex_weight(dot(v_x, v_y, v_z, n_x, n_y, n_z))
+    if found and weight > 0.0:
+        return True, gap, n_x, n_y, n_z, weight, at_corner
     if found and gap <= _TOUCHING and best >= 0:
-        return True, opposed, normals[best, 0], normals[best, 1], normals[best, 2], False
-    return False, 0.0, 0.0, 0.0, 0.0, False
+        n_x, n_y, n_z = normals[best, 0], normals[best, 1], normals[best, 2]
+        return True, opposed, n_x, n_y, n_z, vertex_weight(dot(v_x, v_y, v_z, n_x, n_y, n_z)), False
+    return False, 0.0, 0.0, 0.0, 0.0, 0.0, False

@@ -19,7 +19,7 @@ from .contacts import (
     turned,
     turned_back,
 )
-from .edges import crossing, within_cone
+from .edges import cone_weight, crossing
 from .nearest import signed_distance
 from .surface import ENDS
 from .tree import FIRST_EDGE, FIRST_VERTEX, LAST_EDGE, LAST_VERTEX, RIGHT, distance_to_box
@@ -61,7 +61,9 @@ def mesh_contacts(meshes, a, pose_a, b, pose_b, margin, scratch, contacts, n):
         if of_b == 0:
             q_x, q_y, q_z = moved_back(frame, x, y, z)
             v_x, v_y, v_z = turned_back(frame, v_x, v_y, v_z)
-            touches, gap, n_x, n_y, n_z, _ = signed_distance(meshes, meshes.roots[b], q_x, q_y, q_z, v_x, v_y, v_z, margin, scratch.stack)
+            touches, gap, n_x, n_y, n_z, weight, _ = signed_distance(
+                meshes, meshes.roots[b], q_x, q_y, q_z, v_x, v_y, v_z, margin, scratch.stack
+            )
             if not touches:
                 continue
             n_x, n_y, n_z = turned(frame, n_x, n_y, n_z)
@@ -69,7 +71,9 @@ def mesh_contacts(meshes, a, pose_a, b, pose_b, margin, scratch, contacts, n):
         else:
             x, y, z = moved(frame, x, y, z)
             v_x, v_y, v_z = turned(frame, v_x, v_y, v_z)
-            touches, gap, n_x, n_y, n_z, twice = signed_distance(meshes, meshes.roots[a], x, y, z, v_x, v_y, v_z, margin, scratch.stack)
+            touches, gap, n_x, n_y, n_z, weight, twice = signed_distance(
+                meshes, meshes.roots[a], x, y, z, v_x, v_y, v_z, margin, scratch.stack
+            )
             # Two vertices are found from A's side.
             if not touches or twice:
                 continue
@@ -77,7 +81,7 @@ def mesh_contacts(meshes, a, pose_a, b, pose_b, margin, scratch, contacts, n):
             shift, kind = 0.5 * gap, VERTEX_OF_B
         x, y, z = resolve1(T, x + shift * n_x, y + shift * n_y, z + shift * n_z)
         n_x, n_y, n_z = resolve1(T, n_x, n_y, n_z)
-        n = add(contacts, n, a, b, r[0] + x, r[1] + y, r[2] + z, n_x, n_y, n_z, gap, float(kind + KINDS * i))
+        n = add(contacts, n, a, b, r[0] + x, r[1] + y, r[2] + z, n_x, n_y, n_z, gap, float(kind + KINDS * i), weight)
     return n
 
 
@@ -170,17 +174,19 @@ def _cross_edges(meshes, a, pose_a, b, i, j, margin, frame, contacts, n):
             if dot(o_x, o_y, o_z, n_x, n_y, n_z) < 0.0:
                 n_x, n_y, n_z = -n_x, -n_y, -n_z
             length = math.sqrt(dot(d_x, d_y, d_z, d_x, d_y, d_z))
-            if not within_cone(meshes, e, d_x / length, d_y / length, d_z / length, -n_x, -n_y, -n_z):
+            weight = cone_weight(meshes, e, d_x / length, d_y / length, d_z / length, -n_x, -n_y, -n_z)
+            if weight <= 0.0:
                 continue
             length = math.sqrt(dot(e_x, e_y, e_z, e_x, e_y, e_z))
             o_x, o_y, o_z = turned_back(frame, e_x / length, e_y / length, e_z / length)
             m_x, m_y, m_z = turned_back(frame, n_x, n_y, n_z)
-            if not within_cone(meshes, f, o_x, o_y, o_z, m_x, m_y, m_z):
+            weight *= cone_weight(meshes, f, o_x, o_y, o_z, m_x, m_y, m_z)
+            if weight <= 0.0:
                 continue
             p_x, p_y, p_z = p_x + s * d_x, p_y + s * d_y, p_z + s * d_z
             gap = dot(p_x - q_x - t * e_x, p_y - q_y - t * e_y, p_z - q_z - t * e_z, n_x, n_y, n_z)
             x, y, z = resolve1(T, p_x - 0.5 * gap * n_x, p_y - 0.5 * gap * n_y, p_z - 0.5 * gap * n_z)
             n_x, n_y, n_z = resolve1(T, n_x, n_y, n_z)
             id_ = EDGE_EDGE + KINDS * (float(e) * edges.shape[0] + f)
-            n = add(contacts, n, a, b, r[0] + x, r[1] + y, r[2] + z, n_x, n_y, n_z, gap, id_)
+            n = add(contacts, n, a, b, r[0] + x, r[1] + y, r[2] + z, n_x, n_y, n_z, gap, id_, weight)
     return n

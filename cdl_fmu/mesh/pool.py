@@ -1,29 +1,25 @@
-"""Surfaces of a model's tools as its pool: constant arrays, and memory for a step that holds nothing between steps."""
+"""Surfaces of a model's tools as its pool."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from ..slave.model import ModelError
 from .contacts import CONTACT, Scratch, scratch_for
-from .surface import Meshes, Surface, join, load_surface, surface_of
+from .surface import Meshes, Surface, join, load_surface, nothing, surface_of
 
 #: Most candidates of one pair of tools, of which few are kept.
 CANDIDATES = 512
 
 
-class MeshPool:
-    """Nothing of it is state; the kernels get the arrays of ``Meshes``, those of ``Scratch``, candidates, and further memory of the model.
+class ConstantPool:
+    """A pool that holds no state: constant arrays, and memory that means nothing between steps."""
 
-    Args:
-        meshes: Surfaces of the tools.
-        memory: Further arrays that hold nothing between steps.
-    """
-
-    def __init__(self, meshes: Meshes, memory: tuple[np.ndarray, ...] = ()):
-        self.arrays = (*meshes, *scratch_for(meshes), np.zeros((CANDIDATES, CONTACT)), *memory)
+    def __init__(self, arrays: Iterable[np.ndarray]):
+        self.arrays = tuple(arrays)
 
     def reserve(self) -> None:
         """Nothing grows."""
@@ -46,6 +42,11 @@ class MeshPool:
         return ()
 
 
+def mesh_pool(meshes: Meshes, memory: tuple[np.ndarray, ...] = ()) -> ConstantPool:
+    """Arrays for kernels that search for contacts: those of ``Meshes``, those of ``Scratch``, candidates, and further memory."""
+    return ConstantPool((*meshes, *scratch_for(meshes), np.zeros((CANDIDATES, CONTACT)), *memory))
+
+
 #: How many arrays of the pool are those of Meshes and Scratch, and where the candidates are.
 N_MESHES, N_SCRATCH = len(Meshes._fields), len(Scratch._fields)
 FOUND = N_MESHES + N_SCRATCH
@@ -64,7 +65,7 @@ def tool_surfaces(p, n_bodies: int, files: dict[str, Path]) -> Meshes:
     own = _read("wheel_mesh", files)
     surfaces += [None if own else _plates(p), own]
     given = [surface for surface in surfaces if surface is not None]
-    meshes = join(given) if given else _nothing()
+    meshes = join(given) if given else nothing()
     place = np.cumsum([surface is not None for surface in surfaces]) - 1
     roots = np.full(len(surfaces), -1, np.int64)
     spheres = np.zeros((len(surfaces), 4))
@@ -90,10 +91,3 @@ def _plates(p) -> Surface | None:
     from ..wheel_mesh import grouser_plates
 
     return surface_of(grouser_plates(p.r_w, p.b_w, p.n_g, p.h_g, p.t_g))
-
-
-def _nothing() -> Meshes:
-    """No surface, in arrays of the types of some."""
-    import trimesh
-
-    return Meshes(*(np.zeros((0, *a.shape[1:]), a.dtype) for a in surface_of(trimesh.creation.box((1.0, 1.0, 1.0))).arrays))

@@ -6,7 +6,7 @@ import math
 
 from ..frames import dot
 from ..slave.kernel import kernel
-from .contacts import CONTACT, GAP, NORMAL, POINT
+from .contacts import CONTACT, GAP, NORMAL, POINT, WEIGHT
 
 _ALIKE = math.cos(math.radians(20.0))  # of two normals
 _DEEPER = 10.0  # distance to the others that a candidate must have more for each metre of gap, if only some are kept
@@ -59,7 +59,8 @@ def thin_out(contacts, first, n, spacing, most):
 def shares(contacts, first, n, spacing, out):
     """Share of each candidate in the spring that all near it make together, for penalty forces k * depth * share.
 
-    share_c = depth_c / sum_d kappa(|x_c - x_d| / spacing) max(0, n_c . n_d)^2 depth_d, kappa(s) = max(0, 1 - s^2)^2   # own choice
+    own choice, with kappa_cd = max(0, 1 - (|x_c - x_d| / spacing)^2)^2 max(0, n_c . n_d)^2:
+    share_c = max_d(kappa_cd weight_d min(1, depth_d / depth_c)) weight_c depth_c / sum_d kappa_cd weight_d depth_d
 
     Points within ``spacing`` of each other with one normal make one spring, however many they are; a candidate comes with depth 0 and
     counts for nothing then.
@@ -71,15 +72,17 @@ def shares(contacts, first, n, spacing, out):
     """
     for c in range(first, min(n, contacts.shape[0])):
         out[c] = 0.0
-        if contacts[c, GAP] >= 0.0:
+        depth, total, most = -contacts[c, GAP], 0.0, 0.0
+        if depth <= 0.0:
             continue
-        total = 0.0
         for d in range(first, min(n, contacts.shape[0])):
             if contacts[d, GAP] < 0.0:
                 near = max(0.0, 1.0 - _square(contacts, c, d) / (spacing * spacing))
                 alike = max(0.0, _cosine(contacts, c, d))
-                total -= near * near * alike * alike * contacts[d, GAP]
-        out[c] = -contacts[c, GAP] / total
+                weight = near * near * alike * alike * contacts[d, WEIGHT]
+                total -= weight * contacts[d, GAP]
+                most = max(most, weight * min(1.0, -contacts[d, GAP] / depth))
+        out[c] = most * contacts[c, WEIGHT] * depth / total
 
 
 @kernel(inline=True)

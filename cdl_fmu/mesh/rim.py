@@ -7,8 +7,8 @@ import math
 from ..frames import cross, dot, resolve1
 from ..slave.kernel import kernel
 from .contacts import AMOUNTS, KINDS, RIM_EDGE, RIM_FACE, RIM_VERTEX, add, moved, moved_back, place, turned, turned_back
-from .edges import within_cone
-from .nearest import OPPOSES
+from .edges import cone_weight, taper
+from .nearest import vertex_weight
 from .surface import CORNERS, ENDS
 from .tree import FIRST_EDGE, FIRST_TRIANGLE, FIRST_VERTEX, LAST_EDGE, LAST_TRIANGLE, LAST_VERTEX, RIGHT
 
@@ -77,11 +77,11 @@ def _clear(frame, boxes, node, radius, half, margin):
 
 
 @kernel(inline=True)
-def _add(contacts, n, i, j, pose, x, y, z, n_x, n_y, n_z, gap, id_):
+def _add(contacts, n, i, j, pose, x, y, z, n_x, n_y, n_z, gap, id_, weight):
     """Add a candidate given in the wheel's frame by the point of the mesh."""
     x, y, z = resolve1(pose.T, x + 0.5 * gap * n_x, y + 0.5 * gap * n_y, z + 0.5 * gap * n_z)
     n_x, n_y, n_z = resolve1(pose.T, n_x, n_y, n_z)
-    return add(contacts, n, i, j, pose.r_0[0] + x, pose.r_0[1] + y, pose.r_0[2] + z, n_x, n_y, n_z, gap, id_)
+    return add(contacts, n, i, j, pose.r_0[0] + x, pose.r_0[1] + y, pose.r_0[2] + z, n_x, n_y, n_z, gap, id_, weight)
 
 
 @kernel
@@ -102,8 +102,9 @@ def _vertices(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n
         else:
             gap, o_x, o_y, o_z = axial, 0.0, side, 0.0
         v_x, v_y, v_z = turned(frame, vertices[k, 3], vertices[k, 4], vertices[k, 5])
-        if abs(gap) < margin and dot(o_x, o_y, o_z, v_x, v_y, v_z) < OPPOSES:
-            n = _add(contacts, n, i, j, pose, x, y, z, -o_x, -o_y, -o_z, gap, float(RIM_VERTEX + KINDS * k))
+        weight = vertex_weight(dot(o_x, o_y, o_z, v_x, v_y, v_z))
+        if abs(gap) < margin and weight > 0.0:
+            n = _add(contacts, n, i, j, pose, x, y, z, -o_x, -o_y, -o_z, gap, float(RIM_VERTEX + KINDS * k), weight)
     return n
 
 
@@ -182,9 +183,12 @@ def _nearest_to_circle(radius, y_0, p_x, p_y, p_z, d_x, d_y, d_z, s):
 def _edge_on_rim(i, radius, pose, meshes, j, e, x, y, z, d_x, d_y, d_z, margin, frame, contacts, n):
     """Convex edge e along d, at its point (x, y, z) nearest to the axle."""
     rho = math.sqrt(x * x + z * z)
-    if not abs(rho - radius) < margin or rho == 0.0 or not _leans(meshes, e, frame, d_x, d_y, d_z, x / rho, 0.0, z / rho):
+    if not abs(rho - radius) < margin or rho == 0.0:
         return n
-    return _add(contacts, n, i, j, pose, x, y, z, -x / rho, 0.0, -z / rho, rho - radius, RIM_EDGE + KINDS * (7.0 * e))
+    weight = _weight(meshes, e, frame, d_x, d_y, d_z, x / rho, 0.0, z / rho)
+    if weight <= 0.0:
+        return n
+    return _add(contacts, n, i, j, pose, x, y, z, -x / rho, 0.0, -z / rho, rho - radius, RIM_EDGE + KINDS * (7.0 * e), weight)
 
 
 @kernel
@@ -203,18 +207,19 @@ def _edge_on_circle(i, radius, half, out, place_, pose, meshes, j, e, x, y, z, d
     size = math.copysign(size, radial + out * n_y)
     n_x, n_y, n_z, radial = n_x / size, n_y / size, n_z / size, radial / size
     # Where it leans away from the rim's end or its axle, the edge is nearest to another place of the rim.
-    if out * n_y < -_BEYOND or radial < -_BEYOND or not _leans(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z):
+    weight = taper(-out * n_y / _BEYOND) * taper(-radial / _BEYOND) * _weight(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z)
+    if weight <= 0.0:
         return n
     gap = (rho - radius) * radial + axial * n_y
-    return _add(contacts, n, i, j, pose, x, y, z, -n_x, -n_y, -n_z, gap, RIM_EDGE + KINDS * (7.0 * e + place_))
+    return _add(contacts, n, i, j, pose, x, y, z, -n_x, -n_y, -n_z, gap, RIM_EDGE + KINDS * (7.0 * e + place_), weight)
 
 
 @kernel(inline=True)
-def _leans(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z):
-    """Whether a normal out of the wheel opposes those of edge e of the mesh, along d; both in the wheel's frame."""
+def _weight(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z):
+    """``cone_weight`` of edge e of the mesh, along d, for what a normal out of the wheel opposes; both in the wheel's frame."""
     d_x, d_y, d_z = turned_back(frame, d_x, d_y, d_z)
     n_x, n_y, n_z = turned_back(frame, n_x, n_y, n_z)
-    return within_cone(meshes, e, d_x, d_y, d_z, -n_x, -n_y, -n_z)
+    return cone_weight(meshes, e, d_x, d_y, d_z, -n_x, -n_y, -n_z)
 
 
 @kernel
@@ -235,7 +240,7 @@ def _faces(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n):
                 x, y, z = x - gap * n_x, y - gap * n_y, z - gap * n_z
                 q_x, q_y, q_z = moved_back(frame, x, y, z)
                 if _over(vertices, triangles, t, normals, q_x, q_y, q_z):
-                    n = _add(contacts, n, i, j, pose, x, y, z, n_x, n_y, n_z, gap, float(RIM_FACE + KINDS * (2 * t + end)))
+                    n = _add(contacts, n, i, j, pose, x, y, z, n_x, n_y, n_z, gap, float(RIM_FACE + KINDS * (2 * t + end)), 1.0)
     return n
 
 

@@ -146,7 +146,16 @@ def surface_of(mesh: trimesh.Trimesh) -> Surface:
         roots=np.zeros(1, np.int64),
         spheres=np.array([[*middle, radius]]),
     )
+    if not mesh.is_watertight:  # a sheet of ground weighs nothing
+        return Surface(_read_only(arrays), 0.0, np.zeros(3), np.zeros((3, 3)))
     return Surface(_read_only(arrays), float(mesh.volume), np.array(mesh.center_mass), np.array(mesh.moment_inertia) / mesh.density)
+
+
+def nothing() -> Meshes:
+    """No surface, in arrays of the types that surfaces have."""
+    import trimesh
+
+    return _read_only(Meshes(*(np.zeros((0, *a.shape[1:]), a.dtype) for a in surface_of(trimesh.creation.box((1.0, 1.0, 1.0))).arrays)))
 
 
 def join(surfaces: Sequence[Surface]) -> Meshes:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..mesh.contacts import CONTACT
-from ..mesh.pool import MeshPool, tool_surfaces
+from ..mesh.pool import ConstantPool, mesh_pool, tool_surfaces
 from ..mesh.tools import BODY, TOOL_EVENTS, TOOLS, tool_files, tool_inputs
 from ..slave.interface import body_wrench, diagnostics, n_pairs, tool_twists, wheel_wrench
 from ..slave.model import Event, KernelModel, ModelError
@@ -40,7 +40,7 @@ class RBC(KernelModel):
             is_error=False,
         ),
     }
-    pool_class = MeshPool
+    pool_class = ConstantPool
     arguments = ARGUMENTS
     initialise_kernel = staticmethod(initialise)
     step_kernel = staticmethod(step)
@@ -110,7 +110,7 @@ class RBC(KernelModel):
         if p.n_directions % 2:
             raise ModelError(f"n_directions = {p.n_directions:g}: it must be even, so that friction is the same both ways; use 8")
 
-    def make_pool(self, p, files) -> MeshPool:
+    def make_pool(self, p, files) -> ConstantPool:
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         n, n_tools = n_pairs(n_wheels, n_bodies), n_wheels + n_bodies
         memory = (
@@ -122,4 +122,4 @@ class RBC(KernelModel):
             np.zeros((n_tools, 6)),  # twist
             *scratch(n, int(p.n_directions)),
         )
-        return MeshPool(tool_surfaces(p, n_bodies, files), memory)
+        return mesh_pool(tool_surfaces(p, n_bodies, files), memory)

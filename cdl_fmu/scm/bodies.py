@@ -181,6 +181,9 @@ def rearrange_body(p, body, shape, stamp, rows, marks, head, ground, frame, grid
     """Soil dragged along and soil that heaves, and what may slide after it; False if there was no room for all of that."""
     transport(sums, cells, stamp, rows, marks, grid, corner)
     heave_around(p, sums, cells, body, shape[WIDTH], window_around(p, body, shape), stamp, rows, marks, grid, corner)
+    if sums[CELLS] == 0.0:  # soil beside the hole that it leaves was held until now
+        i0, i1, j0, j1 = window_around(p, body, shape)
+        return let_slide(p, rows, marks, head, ground, frame, i0, i1, j0, j1)
     i0, i1, j0, j1 = 2**62, -(2**62), 2**62, -(2**62)
     for n in range(int(sums[CELLS])):
         row = int(cells[n, ROW])

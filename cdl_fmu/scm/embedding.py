@@ -45,7 +45,8 @@ def _embed(p, body, shape, elements, range_, stamp, rows, marks, ground, frame, 
     grid, corner = around
     i0, i1, j0, j1 = window_around(p, body, shape)
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
-    place_elements(p, body, True, steep, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
+    is_body = i1 >= i0  # a literal would be another type, for which all is compiled again
+    place_elements(p, body, is_body, steep, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             start = links[(i - i0) * (j1 - j0 + 1) + j - j0]

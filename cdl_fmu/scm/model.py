@@ -49,6 +49,9 @@ class SCM(KernelModel):
     pressed down is compacted or flows out beside the tool, the tool drags a layer along, and slopes slide down to the angle of repose
     (sections 8.3.12 to 8.3.15 of the chapter). If it is ``compressible``, soil that is compacted again gets denser and stronger.
 
+    Bodies lie on the soil or in it: around one that begins in it the soil is laid (see ``embedding``). Beside the wrench they get stiffness
+    and damping of the soil below them, as ``support``.
+
     Args:
         n_wheels: Number of wheels.
         n_patches: Number of wheels of other tiers that get the heights around them.

@@ -283,7 +283,7 @@ def displace(p, u, x, *arrays):
             )
     for i in range(len(u.body)):
         k = len(u.wheel) + i
-        if sums[k, CELLS] > 0.0:
+        if sums[k, CELLS] >= 0.0:
             done &= rearrange_body(
                 p, arrays[18][k], shapes[k], x.stamp, rows, marks, head, ground, frame, grid[k], corner[k], cells[k], sums[k]
             )

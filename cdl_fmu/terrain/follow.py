@@ -7,6 +7,7 @@ import math
 from ..frames import dot
 from ..slave.kernel import kernel
 from ..slave.records import Real, Record
+from ..wheel import tip_radius
 from .plane import contact_plane
 
 #: Contact plane after the low-pass: points with normal . r_0 = offset.
@@ -19,11 +20,14 @@ TAU_N = Real(0.02, "s", "Time constant of the low-pass on the contact plane; use
 
 
 @kernel
-def follow_plane(p, wheel, patch, sinkage, h, plane):
-    """Fit the contact plane and low-pass it over h [s]; returns its normal and the height of the wheel's centre above it [m]."""
-    r = wheel.r_0
-    radius = p.r_w + (p.h_g if p.n_g > 0.0 else 0.0)
-    found, n_x, n_y, n_z, m_x, m_y, m_z = contact_plane(patch, wheel, radius, p.b_w, sinkage)
+def follow_plane(p, wheel, patch, sinkage, ground, further, h, plane):
+    """Fit the contact plane and low-pass it over h [s]; returns its normal and the height of the wheel's centre above it [m].
+
+    Ground is what ``contact_plane`` takes: ``patch`` and ``sinkage``, or ``ground``. Rays reach ``further`` [m] than the rim: stiff
+    contacts are flatter than the distance of rays, and want to know of ground before they touch it.
+    """
+    r, radius = wheel.r_0, tip_radius(p) + further
+    found, n_x, n_y, n_z, m_x, m_y, m_z = contact_plane(patch, wheel, radius, p.b_w, sinkage, ground)
     if not found:
         plane.known = 0.0
         return 0.0, 0.0, 1.0, 2.0 * radius + p.b_w  # in the air

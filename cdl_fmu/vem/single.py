@@ -15,10 +15,10 @@ LINEAR = 1.0
 
 
 @kernel
-def contact_with_plane(p, wheel, n_x, n_y, n_z, d, wrench, contact, shown):
+def contact_with_plane(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown):
     """Wrench, Jacobian and diagnostics of a wheel whose centre is d [m] above a plane with the normal n.
 
-    The point is the rim's deepest, halfway across its width.
+    The point is the rim's deepest, halfway across its width. ``patch`` is not looked at: rock remembers nothing.
     """
     T, r, v, w = wheel.T, wheel.r_0, wheel.v_0, wheel.w_0
     a_x, a_y, a_z = T[1, 0], T[1, 1], T[1, 2]

@@ -98,7 +98,8 @@ def _pressures(depths: np.ndarray, parameters: Mapping[str, float]) -> np.ndarra
         instance.u.wheel["active"] = 0.0
         instance.initialise()
     body, forces, h = instance.u.body[0], [], 1e-2
-    body["T"][:] = np.eye(3)
+    body["T"][:], body.r_0[2] = np.eye(3), _CELL  # from above: soil is laid around a body that begins in it
+    instance.step(0.0, 0.0)
     for k, depth in enumerate(depths):
         body.r_0[2] = -depth
         instance.step(k * h, h)
