@@ -69,8 +69,8 @@ def by_wheels(folder: Path) -> tuple[dict[str, float], dict[str, float]]:
     """Print costs by number of wheels; median [us] of two wheels, and exponent from two wheels on, of each tier."""
     floor = [(export(folder, "floor", trimesh.creation.box((8.0, 4.0, 0.2))), (0.0, 0.0, -0.1))]
     columns: dict[str, Callable[[int], Instance]] = {
-        "RBC, mesh": lambda n: with_bodies(RBC(n, 1), floor),
-        "VEM, mesh": lambda n: with_bodies(VEM(n, 0, 1), floor),
+        "RBC, bodies": lambda n: with_bodies(RBC(n, 1), floor),
+        "VEM, bodies": lambda n: with_bodies(VEM(n, 0, 1), floor),
         "VEM, plane": lambda n: Instance(VEM(n)),
         "BCM": lambda n: Instance(BCM(n)),
         "BCM, critical_state": lambda n: Instance(BCM(n), strength="critical_state"),
@@ -99,19 +99,26 @@ def by_domain(folder: Path) -> dict[str, float]:
         texts = [f"{size:.0f}: {both(cost)}" for size, cost in zip(sizes, results)]
         rows.append([tier, of, unit, "; ".join(texts), f"{power:.2f}", note])
 
-    for name, model in {"RBC": lambda n: RBC(2, n), "VEM": lambda n: VEM(2, 0, n)}.items():
-        faces, finer = [], []
-        for splits in (0, 2, 4, 6):
-            mesh = trimesh.creation.box((8.0, 4.0, 0.2))
-            for _ in range(splits):
-                mesh = mesh.subdivide()
+    mesh, finer, faces = trimesh.creation.box((8.0, 4.0, 0.2)), [], []
+    mesh.apply_translation((0.0, 0.0, -0.1))
+    for splits in range(7):
+        if splits % 2 == 0:
+            finer.append(export(folder, f"floor{splits}", mesh))
             faces.append(len(mesh.faces))
-            bodies = [(export(folder, f"floor{splits}", mesh), (0.0, 0.0, -0.1))]
-            finer.append(times(Vehicle(with_bodies(model(1), bodies), freedom(2)))[0])
-        series(name, "one ground, finer", "faces", faces, finer)
-        stone, farther = export(folder, "ball", trimesh.creation.icosphere(3, BALL)), []
+        mesh = mesh.subdivide()
+    on_mesh = {
+        ("RBC", "a body, finer"): lambda path: with_bodies(RBC(2, 1), [(path, (0.0, 0.0, 0.0))]),
+        ("VEM", "a body, finer"): lambda path: with_bodies(VEM(2, 0, 1), [(path, (0.0, 0.0, 0.0))]),
+        ("VEM", "a plane in the ground's mesh, finer"): lambda path: Instance(VEM(2, n_grounds=1), ground=path),
+        ("BCM", "a plane in the ground's mesh, finer"): lambda path: Instance(BCM(2, n_grounds=1), ground=path),
+    }
+    for (name, of), make in on_mesh.items():
+        series(name, of, "faces", faces, [times(Vehicle(make(path), freedom(2)))[0] for path in finer])
+    stone = export(folder, "ball", trimesh.creation.icosphere(3, BALL))
+    for name, model in {"RBC": lambda n: RBC(2, n), "VEM": lambda n: VEM(2, 0, n)}.items():
+        farther = []
         for n in (1, 4, 16):
-            bodies = [(folder / "floor0.stl", (0.0, 0.0, -0.1))] + [(stone, (1.0 + 0.2 * k, 1.5, 0.1)) for k in range(n - 1)]
+            bodies = [(finer[0], (0.0, 0.0, 0.0))] + [(stone, (1.0 + 0.2 * k, 1.5, 0.1)) for k in range(n - 1)]
             farther.append(times(Vehicle(with_bodies(model(n), bodies), freedom(2)))[0])
         series(name, "stones that nothing touches", "bodies", (1, 4, 16), farther)
     for name, model in {"VEM": VEM(2), "BCM": BCM(2), "SCM": SCM(2)}.items():
@@ -189,11 +196,18 @@ def effects(all_tiers: list[Tier], folder: Path) -> dict[str, dict]:
 
 def descriptions(folder: Path) -> None:
     """Print what describes the wheel and what it meets: numbers to which the force answers, and files and inputs that models declare."""
-    floor = [(export(folder, "floor", trimesh.creation.box((8.0, 4.0, 0.2))), (0.0, 0.0, -0.1))]
+    slab = trimesh.creation.box((8.0, 4.0, 0.2))
+    floor = [(export(folder, "floor", slab), (0.0, 0.0, -0.1))]
+    slab.apply_translation((0.0, 0.0, -0.1))
+    ground = export(folder, "ground", slab)
     variants = {
         "RBC": [lambda **p: with_bodies(RBC(1, 1), floor, **p)],
-        "VEM": [lambda **p: with_bodies(VEM(1, 0, 1), floor, **p), lambda **p: Instance(VEM(1, 1), normal_model="bekker", **p)],
-        "BCM": [lambda **p: Instance(BCM(1, 1), **p)],
+        "VEM": [
+            lambda **p: with_bodies(VEM(1, 0, 1), floor, **p),
+            lambda **p: Instance(VEM(1, 1), normal_model="bekker", **p),
+            lambda **p: Instance(VEM(1, n_grounds=1), normal_model="bekker", ground=ground, **p),
+        ],
+        "BCM": [lambda **p: Instance(BCM(1, 1), **p), lambda **p: Instance(BCM(1, n_grounds=1), ground=ground, **p)],
         "SCM": [lambda **p: Instance(SCM(1), **p)],
     }
     wheels, seconds = ["wheel"], ["2nd body"]
@@ -203,7 +217,7 @@ def descriptions(folder: Path) -> None:
         mesh = ["surface mesh"] if any("wheel_mesh" in model.files for model in models) else []
         wheels.append(", ".join(numbers + mesh))
         found = {
-            "surface mesh": any("body[1].mesh" in model.files for model in models),
+            "surface mesh": any({"body[1].mesh", "ground"} & model.files.keys() for model in models),
             "elevation map": any("base" in model.files for model in models),
             "patch of heights": any(model.sizes.get("n_patches", 0) > 0 and "patch" in model.inputs.fields for model in models),
         }
@@ -230,8 +244,13 @@ def answers_to(make: Callable[..., Instance], name: str) -> bool:
 
 def marks(two: dict, growth: dict, domain: dict, contacts: dict, answers: dict) -> None:
     """Print the chapter's marks beside those that follow."""
-    cost = {"RBC": two["RBC, mesh"], "VEM": max(two["VEM, mesh"], two["VEM, plane"]), "BCM": two["BCM"], "SCM": two["SCM"]}
-    wheels = {"RBC": growth["RBC, mesh"], "VEM": max(growth["VEM, mesh"], growth["VEM, plane"]), "BCM": growth["BCM"], "SCM": growth["SCM"]}
+    cost = {"RBC": two["RBC, bodies"], "VEM": max(two["VEM, bodies"], two["VEM, plane"]), "BCM": two["BCM"], "SCM": two["SCM"]}
+    wheels = {
+        "RBC": growth["RBC, bodies"],
+        "VEM": max(growth["VEM, bodies"], growth["VEM, plane"]),
+        "BCM": growth["BCM"],
+        "SCM": growth["SCM"],
+    }
     found = {
         "Wheel stone contact": [of_effects(answers[name], "stone") for name in NAMES],
         "Wheel soft soil contact": [of_effects(answers[name], "soil") for name in NAMES],
