@@ -23,7 +23,7 @@ Wheel stone and soft soil contact, considered effects: share of the effects on s
 third --, up to two thirds -, below 0.9 +, else ++; n/a where a wheel rests on no stone, or does not sink.
 Computational efficiency: median cost of a step of two wheels over BCM's: up to 0.5 ++, up to 2 +, up to 10 -, else --.
 Soil scalability: largest exponent of that cost with size or resolution of the ground: up to 0.1 ++, up to 0.5 +, up to 1 -, else --.
-Multiple contacts: largest exponent of cost with wheels or contacts: up to 1.1 ++, up to 1.5 +, up to 2 -, else --.
+Multiple contacts: largest exponent of that cost with wheels or contacts: up to 1.1 ++, up to 1.5 +, up to 2 -, else --.
 Soil deformation: neither rut nor berm n/a, one of them -, both +; ++ is for what deforms below its surface, too.
 """
 
