@@ -116,10 +116,16 @@ def simulate(
 def facts_of(outcome: Outcome) -> dict[str, object]:
     """What a script wants to know of a run, as ``cdl run --json`` prints it; SI units.
 
-    ``wheels`` is as :func:`.report.summary` has them; a testbed has what :meth:`.measurement.Measurement.facts` says instead.
+    ``wheels`` is as :func:`.report.summary` has them; a testbed has what :meth:`.measurement.Measurement.facts` says instead. Rigid
+    contacts add ``solver``: shares of the steps with contacts in which Lemke's method helped, or the tolerance was missed, largest error.
     """
     result = open_result(outcome.result)
     facts = {key: getattr(outcome, key) for key in ("simulated_s", "wall_s", "scheme", "step_s")} | {"result": str(outcome.result)}
     if is_testbed(result):
         return facts | measure_result(result).facts()
-    return facts | {"wheels": summary(result) if json.loads(result.attrs["wheels"]) else []}
+    facts |= {"wheels": summary(result) if json.loads(result.attrs["wheels"]) else []}
+    hard = json.loads(result.attrs.get("hard", "{}")).get("instance")
+    if hard and f"{hard}.residual" in result.cdl:
+        solver = {name: float(result.cdl[f"{hard}.{name}"].values[-1]) for name in ("pivoted", "unsolved")}
+        facts["solver"] = solver | {"residual_m_s": float(result.cdl[f"{hard}.residual"].values.max())}
+    return facts

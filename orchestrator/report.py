@@ -3,7 +3,7 @@
 A result names its wheels in the attribute ``wheels``, a JSON list of ``{"name": "front", "tier": "BCM", "instance": "bcm",
 "index": 1, "mover": "rover", "rover_index": 1}``: this wheel's contact answers in ``bcm.diagnostics[1].*`` and its pose is
 ``rover.wheel[1].*``.
-``ground_z`` is the height of the undeformed ground [m].
+``ground_z`` is the height of the undeformed ground [m]. ``hard`` names rocks and what they answer with: see ``wheels.rocks_of``.
 """
 
 from __future__ import annotations
@@ -82,13 +82,20 @@ def summary(result: xr.Dataset, last: float = 0.5) -> list[dict[str, str | float
 
     Returns:
         For each wheel ``name``, ``tier``, ``sinkage_m`` below and ``z_m`` of the centre above the undeformed ground, the contact force
-        ``f_long_N``, ``f_lat_N``, ``f_n_N`` on the wheel in the heading frame, ``slip`` and ``slip_angle_rad``, by which it drifts.
+        ``f_long_N``, ``f_lat_N``, ``f_n_N`` on the wheel in the heading frame, ``slip`` and ``slip_angle_rad``, by which it drifts; among
+        rocks also ``rocks``, with ``tier`` and the forces of these.
     """
     wheels = wheels_of(result)
+    hard = json.loads(result.attrs.get("hard", "{}"))
     time = result.time.values
     rows = slice(int(np.searchsorted(time, time[-1] - last - 1e-9)), None)
-    means = {"f_long_N": "drawbar_pull", "f_lat_N": "lateral_force", "f_n_N": "normal_load"}
-    means |= {"slip": "slip", "slip_angle_rad": "slip_angle"}
+    forces = {"f_long_N": "drawbar_pull", "f_lat_N": "lateral_force", "f_n_N": "normal_load"}
+    means = forces | {"slip": "slip", "slip_angle_rad": "slip_angle"}
+
+    def on_rocks(wheel: Wheel) -> dict:
+        port = f"{hard['instance']}.diagnostics[{wheel.rover_index}]"
+        return {"tier": hard["tier"]} | {key: float(result.cdl[f"{port}.{name}"].values[rows].mean()) for key, name in forces.items()}
+
     return [
         {
             "name": wheel.name,
@@ -96,6 +103,7 @@ def summary(result: xr.Dataset, last: float = 0.5) -> list[dict[str, str | float
             "sinkage_m": float(wheel.diagnostic("sinkage")[rows].mean()),
             "z_m": float(wheel.centre("z")[rows].mean()),
             **{key: float(wheel.diagnostic(name)[rows].mean()) for key, name in means.items()},
+            **({"rocks": on_rocks(wheel)} if hard else {}),
         }
         for wheel in wheels
     ]

@@ -27,6 +27,10 @@ def print_run(outcome: Outcome, facts: Mapping, resumed: bool) -> None:
         _print_measurement(facts)
     elif facts["wheels"]:
         _print_wheels(facts["wheels"], end)
+    if "solver" in facts:
+        solver = {key: 100.0 * facts["solver"][key] for key in ("pivoted", "unsolved")}
+        left = f"{solver['unsolved']:.2g} % left above the tolerance, largest error {facts['solver']['residual_m_s']:.1e} m/s"
+        print(f"rigid contacts: of the steps with any, Lemke's method helped in {solver['pivoted']:.2g} %; {left}")
     for name in ("result.nc", "result.png", "system.ssp"):
         if (path := outcome.result.with_name(name)).exists():
             print(path)
@@ -54,6 +58,8 @@ def _print_wheels(wheels: list[Mapping], end: float) -> None:
     rows = table("wheel", "tier", *numbers, right=numbers, caption=f"means over the last {min(0.5, end):g} s; forces in the heading frame")
     for wheel in wheels:
         rows.add_row(wheel["name"], wheel["tier"], *(f"{wheel[key] * factor:z.2f}" for key, factor in numbers.values()))
+        if rocks := wheel.get("rocks"):
+            rows.add_row("", rocks["tier"], *(f"{rocks[key] * factor:z.2f}" if key in rocks else "" for key, factor in numbers.values()))
     output().print(rows)
 
 
