@@ -18,8 +18,9 @@ from .scene import BODY_COLOUR, ROCK_COLOUR, TIER_COLOURS, Scene
 
 _SAND, _ROCK, _Z = "#E69F00", "#4D4D4D", {"front": "#0072B2", "rear": "#D55E00"}
 _LINE = {"lw": 0.9}
+_FLOOR = 1.5  # [m] across: what is larger is no rock to be shown, but a floor
 _HEIGHTS = Normalize(-40.0, 20.0)  # [mm]; holes below rocks are as dark as the deepest ruts
-_SIDE = 0.3  # [m] of soil shown beside the path
+_BEHIND, _AHEAD, _SIDE = 0.25, 0.35, 0.3  # [m] of soil shown behind, ahead and beside the wheels
 
 
 def rocks_picture(result: xr.Dataset) -> Figure:
@@ -69,16 +70,19 @@ def _highest(result: xr.Dataset, wheel: Wheel, instance: str) -> int:
 def _view(moment: Moment, ax) -> None:
     x = [wheel.r_0[0] for wheel in moment.wheels.values()]
     y = [wheel.r_0[1] for wheel in moment.wheels.values()]
-    side = np.array([min(y) - _SIDE, max(y) + _SIDE])
-    along = (min(x) - 0.25, max(x) + 0.35)
-    low = min(float(moment.surface(along, tuple(side)).min()), *(float(rock[:, :, 2].min()) for rock in moment.rocks)) - 0.01
+    side = min(y) - _SIDE, max(y) + _SIDE
+    along = np.array([min(x) - _BEHIND, max(x) + _AHEAD])
+    near = [rock for rock in moment.rocks if rock[:, :, 0].max() > along[0] and rock[:, :, 0].min() < along[1]]
+    shown = [rock for rock in near if np.ptp(rock[:, :, :2], axis=(0, 1)).max() < _FLOOR]
+    # Rocks are shown whole, and no wider a piece of ground than it takes.
+    along = (min(along[0], *(r[:, :, 0].min() - 0.03 for r in shown)), max(along[1], *(r[:, :, 0].max() + 0.03 for r in shown)))
+    side = (min(side[0], *(r[:, :, 1].min() for r in shown)), max(side[1], *(r[:, :, 1].max() for r in shown)))
+    low = min(float(moment.surface(along, side).min()), *(float(rock[:, :, 2].min()) for rock in shown)) - 0.01
     top = max(float(wheel.r_0[2]) for wheel in moment.wheels.values()) + moment.dimensions["r_w"] + moment.dimensions["h_g"]
     scene = Scene(24.0, -62.0, np.array([along, side, (low, top)]))
     scene.add_soil(moment, _HEIGHTS)
-    for rock in moment.rocks:
-        middle = rock[:, :, :2].mean(axis=1)
-        shown = (middle > (along[0], side[0])).all(axis=1) & (middle < (along[1], side[1])).all(axis=1)
-        scene.add_triangles(rock[shown], ROCK_COLOUR)
+    for rock in shown:
+        scene.add_triangles(rock, ROCK_COLOUR)
     scene.add_rover(moment)
     scene.draw(ax, zoom=1.0)
     ax.set(ylabel="", zlabel="")
