@@ -1,4 +1,4 @@
-"""A rover, rocks and a hard contact model coupled in process, in the default scheme's order; meshes of rocks and floors."""
+"""A rover, rocks and a hard contact model coupled in process; meshes of rocks and floors."""
 
 import numpy as np
 import trimesh
@@ -34,15 +34,17 @@ def rock_parameters(j, path, density=2700.0, **start):
 
 
 class Coupled:
-    """The rover FMU's model and a hard contact's, each step contact first.
+    """The rover FMU's model and a hard contact's.
 
     Args:
         contact: Model with bodies.
         rocks: Mesh and start of each of them.
         rover, hard: Parameters of both.
+        h: Step [s].
+        jacobi: Both step at once on the values of t, anchors are sent; else the contact comes first, as in the default scheme.
     """
 
-    def __init__(self, contact, rocks, rover=None, hard=None, h=1e-3, anchored=False):
+    def __init__(self, contact, rocks, rover=None, hard=None, h=1e-3, jacobi=False):
         n_wheels, n = contact.sizes["n_wheels"], contact.sizes["n_bodies"]
         own = {}
         for j, (path, start) in enumerate(rocks, 1):
@@ -52,10 +54,12 @@ class Coupled:
         masses = {f"body[{j}].mass": own[f"rock[{j}].mass"] for j in range(1, n + 1)}
         self.rover = Instance(Rover(n_wheels, n, 1), **own, **(rover or {}), with_inverse_inertia="on")
         self.hard = Instance(contact, **given, **fixed, **masses, **(hard or {}))
-        self.h, self.t = h, 0.0
+        self.h, self.t, self.jacobi = h, 0.0, jacobi
         self.rover.initialise()
         self._feed()
         self.hard.initialise()
+        if jacobi:
+            self._answer()
 
     def _feed(self):
         tools = (*self.rover.y.wheel, *self.rover.y.rock)
@@ -68,7 +72,7 @@ class Coupled:
 
     def _answer(self):
         port = self.rover.u.hard[0]
-        for name in ("wheel", "body", "pair"):
+        for name in ("wheel", "body", "pair", *(("anchor",) if self.jacobi else ())):
             if name in self.hard.model.outputs.fields:
                 port[name][...] = self.hard.y[name]
 
@@ -76,8 +80,11 @@ class Coupled:
         """One step of both."""
         self._feed()
         self.hard.step(self.t, self.h)
-        self._answer()
+        if not self.jacobi:
+            self._answer()
         self.rover.step(self.t, self.h)
+        if self.jacobi:
+            self._answer()
         self.t += self.h
 
     def run(self, seconds, record=lambda self: None):

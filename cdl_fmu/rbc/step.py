@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..contact import SLIP_FLOOR, show
+from ..contact import SLIP_FLOOR, has_pose, show
 from ..frames import cross, dot
 from ..mesh.contacts import CONTACT, GAP, ID, NORMAL, POINT, A, B, Scratch
 from ..mesh.pool import FOUND, MEMORY, N_MESHES
@@ -63,7 +63,7 @@ def step(t, h, P, laws, U, wheels, bodies, X, memory, kept, Y, wrenches, answers
 
     n = np.int64(0)
     for i in range(n_wheels):
-        if wheels[i].active > 0.0:
+        if wheels[i].active > 0.0 and has_pose(wheels[i]):
             for j in range(n_bodies):
                 found = wheel_candidates(p, i, wheels[i], n_bodies, bodies[j], j, meshes, scratch, candidates)
                 if found < 0:
