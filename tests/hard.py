@@ -42,9 +42,10 @@ class Coupled:
         rover, hard: Parameters of both.
         h: Step [s].
         jacobi: Both step at once on the values of t, anchors are sent; else the contact comes first, as in the default scheme.
+        tells: Whether the rover tells its inverse inertia and free twists to a contact that asks for them.
     """
 
-    def __init__(self, contact, rocks, rover=None, hard=None, h=1e-3, jacobi=False):
+    def __init__(self, contact, rocks, rover=None, hard=None, h=1e-3, jacobi=False, tells=True):
         n_wheels, n = contact.sizes["n_wheels"], contact.sizes["n_bodies"]
         own = {}
         for j, (path, start) in enumerate(rocks, 1):
@@ -54,7 +55,7 @@ class Coupled:
         masses = {f"body[{j}].mass": own[f"rock[{j}].mass"] for j in range(1, n + 1)}
         self.rover = Instance(Rover(n_wheels, n, 1), **own, **(rover or {}), with_inverse_inertia="on")
         self.hard = Instance(contact, **given, **fixed, **masses, **(hard or {}))
-        self.h, self.t, self.jacobi = h, 0.0, jacobi
+        self.h, self.t, self.jacobi, self.tells = h, 0.0, jacobi, tells
         self.rover.initialise()
         self._feed()
         self.hard.initialise()
@@ -66,7 +67,7 @@ class Coupled:
         for tool, port in zip(tools, (*self.hard.u.wheel, *self.hard.u.body)):
             for name in _POSE:
                 port[name][...] = tool[name]
-        if "inverse_inertia" in self.hard.model.inputs.fields:
+        if self.tells and "inverse_inertia" in self.hard.model.inputs.fields:
             self.hard.u.inverse_inertia[:] = self.rover.y.inverse_inertia
             self.hard.u.free_twist[:] = self.rover.y.free_twist
 
