@@ -33,6 +33,17 @@ def rock_parameters(j, path, density=2700.0, **start):
     return {f"rock[{j}].{name}": value for name, value in values.items()}
 
 
+def instances(contact, rocks, rover=None, hard=None):
+    """The rover and a hard contact model that meet these rocks: mesh and start of each; and further parameters of both."""
+    own, given = {}, {}
+    for j, (path, start) in enumerate(rocks, 1):
+        own |= rock_parameters(j, path, **start)
+        given |= {f"body[{j}].mesh": path, f"body[{j}].mass": own[f"rock[{j}].mass"], f"body[{j}].fixed": start.get("fixed", "off")}
+    n_wheels, n = contact.sizes["n_wheels"], contact.sizes["n_bodies"]
+    mover = Instance(Rover(n_wheels, n, 1), **own, **(rover or {}), with_inverse_inertia="on")
+    return mover, Instance(contact, **given, **(hard or {}))
+
+
 class Coupled:
     """The rover FMU's model and a hard contact's.
 
@@ -46,15 +57,7 @@ class Coupled:
     """
 
     def __init__(self, contact, rocks, rover=None, hard=None, h=1e-3, jacobi=False, tells=True):
-        n_wheels, n = contact.sizes["n_wheels"], contact.sizes["n_bodies"]
-        own = {}
-        for j, (path, start) in enumerate(rocks, 1):
-            own |= rock_parameters(j, path, **start)
-        given = {f"body[{j}].mesh": path for j, (path, _) in enumerate(rocks, 1)}
-        fixed = {f"body[{j}].fixed": "on" for j, (_, start) in enumerate(rocks, 1) if start.get("fixed") == "on"}
-        masses = {f"body[{j}].mass": own[f"rock[{j}].mass"] for j in range(1, n + 1)}
-        self.rover = Instance(Rover(n_wheels, n, 1), **own, **(rover or {}), with_inverse_inertia="on")
-        self.hard = Instance(contact, **given, **fixed, **masses, **(hard or {}))
+        self.rover, self.hard = instances(contact, rocks, rover, hard)
         self.h, self.t, self.jacobi, self.tells = h, 0.0, jacobi, tells
         self.rover.initialise()
         self._feed()
