@@ -89,3 +89,23 @@ def test_a_rover_on_a_rock_that_moves_on_a_floor(meshes, tier, tmp_path):
     mass = trimesh.load_mesh(meshes["flat"]).volume * 2700.0
     floor_load = -values(result, "rocks", "body[1].f_0")[:, 2]
     assert floor_load[300:].mean() == pytest.approx(WEIGHT + mass * 9.81, rel=0.02)
+
+
+def test_a_tried_free_twist_changes_nothing_where_nothing_else_acts(meshes, tmp_path):
+    """On rocks alone the rover predicts what the scheme ij-free tries, but for new commands: impacts come a step earlier or later."""
+    step = ("step", {"fixed": "on", "x": 1.2})
+    results = [
+        on_bodies(tmp_path / scheme, meshes, "RBC", [FLOOR, step], driver={"wheel_rate": 2.0}, stop_time=1.0, scheme=scheme)[1]
+        for scheme in ("ij", "ij-free")
+    ]
+    one, other = (np.cumsum(values(result, "rover", "applied[1].f_0"), axis=0) * 1e-3 for result in results)
+    assert one[-1] == pytest.approx(other[-1], abs=1.0)  # impulses [N.s] over one second
+    heights = [result["rover.body.r_0[3]"].values for result in results]
+    assert np.abs(heights[0] - heights[1]).max() < 2e-4
+
+
+def test_impulses_that_act_a_step_late_are_warned_of(meshes, tmp_path):
+    outcome, _ = on_bodies(tmp_path, meshes, "RBC", [FLOOR], stop_time=0.01, scheme="jacobi")
+    assert outcome.warnings == [
+        "rocks: impulses of rigid contacts act a step late under scheme jacobi and throw bodies about; use scheme ij"
+    ]
