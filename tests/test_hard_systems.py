@@ -99,7 +99,7 @@ def test_a_tried_free_twist_changes_nothing_where_nothing_else_acts(meshes, tmp_
         for scheme in ("ij", "ij-free")
     ]
     one, other = (np.cumsum(values(result, "rover", "applied[1].f_0"), axis=0) * 1e-3 for result in results)
-    assert one[-1] == pytest.approx(other[-1], abs=1.0)  # impulses [N.s] over one second
+    assert one[900] == pytest.approx(other[900], abs=1.0)  # impulses [N.s] until it is at the step
     heights = [result["rover.body.r_0[3]"].values for result in results]
     assert np.abs(heights[0] - heights[1]).max() < 2e-4
 

@@ -124,6 +124,13 @@ def test_restitution_0_stays_and_1_returns(meshes):
     assert peaks(elastic)[0] == pytest.approx(0.3, rel=1e-3)
 
 
+@pytest.mark.parametrize("h", [1e-3, 5e-5])
+def test_an_overlap_is_taken_back_without_a_hop(meshes, h):
+    ball = on_floor(meshes, ("ball", {"z": 0.0995}), h=h)
+    heights = ball.run(0.2, lambda s: s.rover.y.rock[1].r_0[2] - 0.1)
+    assert heights.max() < 1e-4 and abs(heights[-1]) < 1e-5
+
+
 # -- friction
 
 

@@ -24,8 +24,9 @@ GROWS = 6
 
 #: Most contacts of one pair of tools: four hold a body on another.
 _MOST = 4
-#: Share of an overlap that a step takes back. own choice: all of it at once would throw out what has sunk in by an impact.
-_PUSHED_OUT = 0.2
+#: Time [s] in which an overlap is taken back, in no fewer than so many steps. own choice: what is pushed out faster hops, by its speed,
+#: higher than it was deep. A scalar mass is pushed out faster, as the overlap is what bears the weight that it does not know.
+_PUSHED_OUT, _PUSHED_OUT_SCALAR, _STEPS_OUT = 0.02, 0.005, 5.0
 _FASTER = 1.05  # rebound speed over impact speed from which the contact is said to gain energy
 
 #: What the kernels get: arrays of any length, so that one step serves models of all sizes.
@@ -199,7 +200,8 @@ def _make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, t
             b[3 * c + r] = free if exact else now
             if r == 0:
                 v[c] = now
-        _bound(h, p, laws, n_wheels, c, rows, b[3 * c], v[c], target, mu)
+        slow = max(_PUSHED_OUT if exact else _PUSHED_OUT_SCALAR, _STEPS_OUT * h)
+        _bound(h, slow, p, laws, n_wheels, c, rows, b[3 * c], v[c], target, mu)
     if not exact:
         _scalar_masses(p, laws, n_wheels, n, rows, G)
         return
@@ -223,8 +225,11 @@ def _make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, t
 
 
 @kernel
-def _bound(h, p, laws, n_wheels, c, rows, free, now, target, mu):
-    """The least normal velocity at the step's end: what closes the gap, or takes back a share of the overlap, or the rebound (Newton)."""
+def _bound(h, slow, p, laws, n_wheels, c, rows, free, now, target, mu):
+    """Least normal velocity at the step's end: what closes the gap, or takes back the overlap in time, or the rebound (Newton).
+
+    An overlap is taken back within ``slow`` [s].
+    """
     on, against = int(rows[c, A]), int(rows[c, B])
     law = laws[against - n_wheels]
     mu[c], restitution = law.mu, law.restitution
@@ -234,7 +239,7 @@ def _bound(h, p, laws, n_wheels, c, rows, free, now, target, mu):
     gap = rows[c, GAP]
     least = 0.0
     if h > 0.0:
-        least = -gap / h if gap > 0.0 else -_PUSHED_OUT * gap / h
+        least = -gap / h if gap > 0.0 else -gap / slow
     if now < -p.rest_speed and gap + h * min(free, now) <= 0.0:
         least = max(least, -restitution * now)
     target[c] = least
