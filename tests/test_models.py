@@ -169,12 +169,13 @@ def test_a_step_undone_and_retaken_gives_the_same_bits(model, slave):
 def test_nan_is_refused_by_name_and_the_slave_stays_callable(model, slave):
     one = slave(model)
     before = _advance(one, 3)
-    saved = one.save()
+    saved, value = one.save(), one.u[0]
     one.u[0] = np.nan
     one.set(0.003)
     with pytest.raises(SlaveError, match=rf"one did not do the step .* input {_re(one.inputs[0])} = nan.*: it must be finite"):
         one.step(0.003, 1e-3)
     one.restore(saved)
+    one.u[0] = value
     assert np.isfinite(_advance(one, 3, start=3)).all() and np.isfinite(before).all()
 
 
