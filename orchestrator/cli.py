@@ -48,7 +48,7 @@ MeasuredTable = Annotated[
     Path | None, typer.Option("--measured", metavar="CSV", help="Tests to lay over a testbed's picture: slip, beta_deg, Fx_N, Fy_N, ...")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")]
-Scheme = Literal["ij", "gs-mid", "gs", "jacobi", "aitken"]
+Scheme = Literal["ij", "ij-free", "gs-mid", "gs", "jacobi", "aitken"]
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="result.nc, or the folder of a run.")]
 
 

@@ -60,6 +60,9 @@ class Master:
                 slave.get(system.start_time)
                 done.add(slave.name)
             self.scheme = kind(exchange)
+            if scheme == "jacobi":
+                for rigid in {c.target_component for c in self._connections if c.target_variable == "free_twist[1]"}:
+                    warn(f"{rigid}: impulses of rigid contacts act a step late under scheme jacobi and throw bodies about; use scheme ij")
             self._guard = self._stability_guard(slaves) if kind.explicit else None
         except BaseException:
             self.slaves = list(slaves.values())

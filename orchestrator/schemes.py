@@ -2,6 +2,7 @@
 
 =========  ======================================================================================================================
 ij         Gauss-Seidel order, interface Jacobian sent: the default, stable for stiff contacts
+ij-free    as ij, but rigid contacts get the free twists of a step that is tried with this step's other forces, and taken back
 gs-mid     Gauss-Seidel, contacts see the wheel's pose at mid-step; no Jacobian
 gs         plain Gauss-Seidel, no Jacobian
 jacobi     all slaves step at once on the values of t, as most tools do; Jacobian and anchors are sent
@@ -9,7 +10,7 @@ aitken     fixed point over the wrench, mean of the wrench at t and t + H, with 
 =========  ======================================================================================================================
 
 The interface Jacobian is known by its names, ``contact[i].*``, ``support[j].*`` and ``pair[k].*``, poses
-by ``*.r_0, T, v_0, w_0``: the names are the contract.
+by ``*.r_0, T, v_0, w_0``, free twists by ``free_twist[k]``, those of wheels, then bodies: the names are the contract.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from .fmu import Slave, SlaveError
 
 _JACOBIAN = re.compile(r"(^|\.)(contact|support|pair|anchor)\[\d+\]\.")
 _ANCHOR = re.compile(r"(^|\.)((contact|support)\[\d+\]\.anchor\.|anchor\[\d+\]\.)")
+_TOOL = re.compile(r"(wheel|body)\[\d+\]\.v_0\[1\]")
 _POSE = re.compile(r"(.*\[\d+\]\.)r_0\[1\]")
 
 
@@ -80,6 +82,58 @@ class InterfaceJacobian(GaussSeidel):
     @staticmethod
     def sends(variable: str) -> bool:
         return not _ANCHOR.search(variable)
+
+
+class TriedFreeTwist(InterfaceJacobian):
+    """Interface Jacobian; slaves with inputs ``free_twist[k]``, the rigid contacts, step after all others have been tried without them.
+
+    A multibody system predicts its free twist from the other contacts' forces of the last step. Here it makes the step with those of this
+    step and none from rigid contacts, tells the twists that it arrives at, and goes back.
+    """
+
+    def __init__(self, exchange: Exchange):
+        super().__init__(exchange)
+        self._twists = {s.name: found for s in exchange.slaves if (found := _twist_indices(s))}
+        self._rigid = [s for s in exchange.slaves if s.name in self._twists]
+        self._movers = [s for s in exchange.slaves if not s.has_feedthrough] if self._rigid else []
+        for slave in self._movers:
+            if not slave.can_save:
+                raise SlaveError(f"scheme ij-free steps back, but the FMU of {slave.name} cannot save its state; use ij")
+
+    def step(self, t: float, h: float) -> None:
+        exchange = self.exchange
+        for slave in exchange.slaves:
+            if slave.has_feedthrough and slave not in self._rigid:
+                exchange.route(slave)
+                exchange.advance(slave, t, h)
+        if self._rigid:
+            self._try(t, h)
+        for slave in exchange.slaves:
+            if not slave.has_feedthrough:
+                exchange.route(slave)
+                exchange.advance(slave, t, h)
+
+    def _try(self, t: float, h: float) -> None:
+        """Step the movers without rigid contacts, then these by the twists reached, the movers being back where they were."""
+        exchange = self.exchange
+        outputs, saved = exchange.outputs.copy(), [(s, s.save()) for s in self._movers]
+        for slave in self._rigid:
+            slave.y[:] = 0.0
+        for slave in self._movers:
+            exchange.route(slave)
+            exchange.advance(slave, t, h)
+        free = []
+        for slave in self._rigid:
+            exchange.route(slave)
+            free.append(slave.u[self._twists[slave.name][0]])
+        for slave, state in saved:
+            slave.restore(state)
+            slave.free(state)
+        exchange.outputs[:] = outputs
+        for slave, twist in zip(self._rigid, free):
+            exchange.route(slave)
+            slave.u[self._twists[slave.name][1]] = twist
+            exchange.advance(slave, t, h)
 
 
 class MidStep(GaussSeidel):
@@ -183,7 +237,24 @@ class Aitken(GaussSeidel):
             start += slave.u.size
 
 
-SCHEMES = {"ij": InterfaceJacobian, "gs-mid": MidStep, "gs": GaussSeidel, "jacobi": Jacobi, "aitken": Aitken}
+SCHEMES = {"ij": InterfaceJacobian, "ij-free": TriedFreeTwist, "gs-mid": MidStep, "gs": GaussSeidel, "jacobi": Jacobi, "aitken": Aitken}
+
+
+def _twist_indices(slave: Slave) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where in a slave's inputs the twists of its tools are, wheels first, and where their free twists; None if it gets none."""
+    index = {name: i for i, name in enumerate(slave.inputs)}
+    if "free_twist[1]" not in index:
+        return None
+    tools = sorted(
+        (name.removesuffix("v_0[1]") for name in index if _TOOL.fullmatch(name)),
+        key=lambda tool: (not tool.startswith("wheel"), _number(tool)),
+    )
+    twists = [index[f"{tool}{part}[{k}]"] for tool in tools for part in ("v_0", "w_0") for k in (1, 2, 3)]
+    return np.array(twists), np.array([index[f"free_twist[{k + 1}]"] for k in range(len(twists))])
+
+
+def _number(tool: str) -> int:
+    return int(re.search(r"\d+", tool)[0])
 
 
 def _pose_indices(exchange: Exchange, slave: Slave) -> list[tuple]:

@@ -1,13 +1,10 @@
-"""A rover, rocks and a hard contact model coupled in process, in the default scheme's order; meshes of rocks and floors."""
+"""Meshes of floors and rocks, and a rover coupled with a hard contact model on them in process."""
 
-import numpy as np
 import trimesh
 
-from cdl_fmu.mesh.surface import load_surface
-from cdl_fmu.slave.model import Instance
-from mbs.rover import Rover
+from orchestrator.validate.coupled import Coupled, instances
 
-_POSE = ("r_0", "T", "v_0", "w_0")
+__all__ = ["Coupled", "export", "floor", "instances"]
 
 
 def floor(path, length=8.0, width=2.0, thickness=0.2):
@@ -22,68 +19,3 @@ def export(path, mesh):
     """Write a mesh and give its path."""
     mesh.export(path)
     return path
-
-
-def rock_parameters(j, path, density=2700.0, **start):
-    """Parameters of the rover for its rock j, counted from 1, with this mesh."""
-    surface = load_surface(path)
-    inertia = surface.inertia * density
-    values = {"mass": surface.volume * density, "center": surface.centre, **start}
-    values["inertia"] = [inertia[k] for k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    return {f"rock[{j}].{name}": value for name, value in values.items()}
-
-
-class Coupled:
-    """The rover FMU's model and a hard contact's, each step contact first.
-
-    Args:
-        contact: Model with bodies.
-        rocks: Mesh and start of each of them.
-        rover, hard: Parameters of both.
-    """
-
-    def __init__(self, contact, rocks, rover=None, hard=None, h=1e-3, anchored=False):
-        n_wheels, n = contact.sizes["n_wheels"], contact.sizes["n_bodies"]
-        own = {}
-        for j, (path, start) in enumerate(rocks, 1):
-            own |= rock_parameters(j, path, **start)
-        given = {f"body[{j}].mesh": path for j, (path, _) in enumerate(rocks, 1)}
-        fixed = {f"body[{j}].fixed": "on" for j, (_, start) in enumerate(rocks, 1) if start.get("fixed") == "on"}
-        masses = {f"body[{j}].mass": own[f"rock[{j}].mass"] for j in range(1, n + 1)}
-        self.rover = Instance(Rover(n_wheels, n, 1), **own, **(rover or {}), with_inverse_inertia="on")
-        self.hard = Instance(contact, **given, **fixed, **masses, **(hard or {}))
-        self.h, self.t = h, 0.0
-        self.rover.initialise()
-        self._feed()
-        self.hard.initialise()
-
-    def _feed(self):
-        tools = (*self.rover.y.wheel, *self.rover.y.rock)
-        for tool, port in zip(tools, (*self.hard.u.wheel, *self.hard.u.body)):
-            for name in _POSE:
-                port[name][...] = tool[name]
-        if "inverse_inertia" in self.hard.model.inputs.fields:
-            self.hard.u.inverse_inertia[:] = self.rover.y.inverse_inertia
-            self.hard.u.free_twist[:] = self.rover.y.free_twist
-
-    def _answer(self):
-        port = self.rover.u.hard[0]
-        for name in ("wheel", "body", "pair"):
-            if name in self.hard.model.outputs.fields:
-                port[name][...] = self.hard.y[name]
-
-    def step(self):
-        """One step of both."""
-        self._feed()
-        self.hard.step(self.t, self.h)
-        self._answer()
-        self.rover.step(self.t, self.h)
-        self.t += self.h
-
-    def run(self, seconds, record=lambda self: None):
-        """Records of all steps."""
-        out = []
-        for _ in range(round(seconds / self.h)):
-            self.step()
-            out.append(record(self))
-        return np.array(out)

@@ -6,7 +6,7 @@ from tempfile import gettempdir
 import trimesh
 
 #: Height [m] of the first slab's upper face, which a wheel of Table 8.2 at 0.1 m overlaps by a few millimetres.
-TOP = -0.03
+TOP = -0.032
 
 
 def files_of(model) -> dict[str, Path]:

@@ -190,3 +190,15 @@ def test_overflow_is_told():
     assert len(rows) == 3
     n = mesh_contacts(scene.meshes, 0, pose((0.0, 0.0, 0.1)), 1, pose(), MARGIN, scene.scratch, scene.rows, 0)
     assert n == 4
+
+
+@pytest.mark.parametrize("behind", [0.002, 0.008, 0.016])
+def test_an_edge_far_behind_a_face_that_a_corner_dips_into_is_no_contact(behind):
+    """A thin plate that stands on a table 0.1 mm deep: out is up, however near the table's end is."""
+    scene = Scene(trimesh.creation.box((0.002, 0.02, 0.04)), trimesh.creation.box((0.4, 0.4, 0.1)))
+    lean = axis_rotation(2, 0.02) @ axis_rotation(1, 0.03)
+    low = -(scene.surfaces[0].arrays.vertices[:, :3] @ lean)[:, 2].min()
+    rows = scene.pair(0, pose((0.2 - behind, 0.0, 0.05 + low - 1e-4), lean), 1, pose(), 0.02)
+    deep = rows[rows[:, GAP] < 0.0]
+    assert len(deep) >= 1 and deep[:, GAP].min() == pytest.approx(-1e-4, abs=1e-9)
+    assert deep[:, NORMAL + 2] == pytest.approx(1.0, abs=1e-6)

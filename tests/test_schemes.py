@@ -7,7 +7,7 @@ from systems import rover_on
 from cdl_fmu import BCM
 from orchestrator.results import open_result
 from orchestrator.run import run
-from orchestrator.schemes import SCHEMES, _move_on
+from orchestrator.schemes import SCHEMES, _move_on, _twist_indices
 
 WEIGHT = (50.0 + 2 * 2.0) * 9.81  # Table 8.2
 
@@ -81,3 +81,18 @@ def test_mid_step_pose_is_the_pose_half_a_step_later():
     # A vector fixed to the body moves with w x r: T' is the body's rotation.
     r = np.array([0.1, 0.7, -0.3])
     assert T.T @ r == pytest.approx(r + dt * np.cross(rate, r), abs=1e-4)
+
+
+def test_free_twists_are_those_of_wheels_then_bodies():
+    class Slave:
+        inputs = [
+            *(f"{tool}.{part}[{k}]" for tool in ("body[1]", "wheel[10]", "wheel[2]") for part in ("w_0", "r_0", "v_0") for k in (1, 2, 3)),
+            *(f"free_twist[{k}]" for k in range(1, 19)),
+        ]
+
+    twists, free = _twist_indices(Slave)
+    expected = [f"{tool}.{part}[{k}]" for tool in ("wheel[2]", "wheel[10]", "body[1]") for part in ("v_0", "w_0") for k in (1, 2, 3)]
+    assert [Slave.inputs[i] for i in twists] == expected
+    assert [Slave.inputs[i] for i in free] == [f"free_twist[{k}]" for k in range(1, 19)]
+    Slave.inputs = Slave.inputs[:27]
+    assert _twist_indices(Slave) is None

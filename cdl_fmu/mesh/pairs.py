@@ -8,10 +8,14 @@ from ..frames import dot, resolve1
 from ..slave.kernel import kernel
 from .contacts import (
     AMOUNTS,
+    CONTACT,
     EDGE_EDGE,
+    GAP,
     KINDS,
+    POINT,
     VERTEX_OF_A,
     VERTEX_OF_B,
+    WEIGHT,
     add,
     moved,
     moved_back,
@@ -19,7 +23,7 @@ from .contacts import (
     turned,
     turned_back,
 )
-from .edges import cone_weight, crossing
+from .edges import cone_weight, crossing, taper
 from .nearest import signed_distance
 from .surface import ENDS
 from .tree import FIRST_EDGE, FIRST_VERTEX, LAST_EDGE, LAST_VERTEX, RIGHT, distance_to_box
@@ -51,7 +55,9 @@ def mesh_contacts(meshes, a, pose_a, b, pose_b, margin, scratch, contacts, n):
     x, y, z = x - spheres[a, 0], y - spheres[a, 1], z - spheres[a, 2]
     if dot(x, y, z, x, y, z) > (spheres[a, 3] + spheres[b, 3] + margin) ** 2:
         return n
+    first = n
     n, n_found = _traverse(meshes, a, pose_a, b, margin, scratch, contacts, n)
+    n_edges = n
     T, r = pose_a.T, pose_a.r_0
     for k in range(n_found):
         i, of_b = found[k] // 2, found[k] % 2
@@ -82,7 +88,37 @@ def mesh_contacts(meshes, a, pose_a, b, pose_b, margin, scratch, contacts, n):
         x, y, z = resolve1(T, x + shift * n_x, y + shift * n_y, z + shift * n_z)
         n_x, n_y, n_z = resolve1(T, n_x, n_y, n_z)
         n = add(contacts, n, a, b, r[0] + x, r[1] + y, r[2] + z, n_x, n_y, n_z, gap, float(kind + KINDS * i), weight)
-    return n
+    return _without_far_edges(contacts, first, n_edges, n)
+
+
+@kernel
+def _without_far_edges(contacts, first, n_edges, n):
+    """Take weight from edges of rows ``first`` to ``n_edges`` - 1 that overlap far more than a vertex beside them, and drop what has none.
+
+    Where a corner dips into a face by little, its edges are deep behind those of the face, however far these are: along them is not the
+    way out. own choice: a vertex within that depth which overlaps by less than half of it is, and one within twice the depth, or which
+    overlaps by less than that, in part.
+
+    Returns:
+        The row after the last one kept.
+    """
+    if n > contacts.shape[0]:
+        return n
+    kept = first
+    for c in range(first, n):
+        gap = contacts[c, GAP]
+        if c < n_edges and gap < 0.0:
+            for d in range(n_edges, n):
+                if gap < contacts[d, GAP] < 0.0:
+                    x, y = contacts[c, POINT] - contacts[d, POINT], contacts[c, POINT + 1] - contacts[d, POINT + 1]
+                    z = contacts[c, POINT + 2] - contacts[d, POINT + 2]
+                    beside = taper(math.sqrt(dot(x, y, z, x, y, z)) / -gap - 1.0)
+                    contacts[c, WEIGHT] *= 1.0 - beside * taper(2.0 * contacts[d, GAP] / gap - 1.0)
+        if contacts[c, WEIGHT] > 0.0:
+            for k in range(CONTACT):
+                contacts[kept, k] = contacts[c, k]
+            kept += 1
+    return kept
 
 
 @kernel

@@ -11,7 +11,7 @@ from ..slave.kernel import kernel
 from ..slave.model import Event
 from ..slave.records import Choice, Real, Record
 from ..wheel import WHEEL
-from .contacts import A
+from .contacts import CONTACT, GAP, A
 from .pairs import mesh_contacts
 from .wheel import wheel_contacts
 
@@ -26,6 +26,8 @@ BODY = Record(
     fixed=Choice("Whether the body can move", off="it is moved by what acts on it", on="it stays where it is"),
     mu=Real(0.6, "1", "Coefficient of friction of wheels on this body; bodies on each other have the smaller one of both", (), 0.0, 10.0),
 )
+#: Distance up to which candidates are looked for, in units of ``reach``: what overlaps by more than reach is to be seen, and refused.
+_SEEN = 2.0
 _FIXED = BODY.fields["fixed"].value("on")
 
 #: Status numbers of a step; a model's own start at 6.
@@ -73,12 +75,8 @@ def refused_tool(wheels, silent, n_bodies, roots):
 
 @kernel
 def count_silent(wheel, memory):
-    """Count the steps in which an active wheel has no pose; True if it touches what it meets in this step."""
-    if wheel.active == 0.0 or has_pose(wheel):
-        memory.silent = 0.0
-        return wheel.active > 0.0
-    memory.silent += 1.0
-    return False
+    """Count the steps in which an active wheel has no pose."""
+    memory.silent = 0.0 if wheel.active == 0.0 or has_pose(wheel) else memory.silent + 1.0
 
 
 @kernel
@@ -98,16 +96,31 @@ def wheel_candidates(p, i, wheel, n_bodies, body, j, meshes, scratch, candidates
         plates, radius = own, 0.0
     elif meshes.roots[plates] < 0:
         plates = -1
-    n = wheel_contacts(i, radius, p.b_w, plates, wheel, meshes, j, body, p.reach, scratch, candidates, np.int64(0))
-    return n if n <= len(candidates) else -1
+    n = wheel_contacts(i, radius, p.b_w, plates, wheel, meshes, j, body, _SEEN * p.reach, scratch, candidates, np.int64(0))
+    return _within(p.reach, n, candidates)
 
 
 @kernel
 def body_candidates(p, n_wheels, first, j, second, k, meshes, scratch, candidates):
     """Contact candidates of bodies j and k, counted after the wheels; their number, -1 if there are too many."""
-    if not (is_rotation(first.T) and is_rotation(second.T)):
-        return 0
-    n = mesh_contacts(meshes, j, first, k, second, p.reach, scratch, candidates, np.int64(0))
-    for c in range(min(n, len(candidates))):
+    if not (is_rotation(first.T) and is_rotation(second.T)) or not (has_pose(first) or has_pose(second)):
+        return 0  # two at the very origin have not been set yet
+    n = mesh_contacts(meshes, j, first, k, second, _SEEN * p.reach, scratch, candidates, np.int64(0))
+    n = _within(p.reach, n, candidates)
+    for c in range(n):
         candidates[c, A] += n_wheels
-    return n if n <= len(candidates) else -1
+    return n
+
+
+@kernel
+def _within(reach, n, candidates):
+    """Keep what is nearer than ``reach`` or overlaps; the number, -1 if there were more candidates than rows."""
+    if n > len(candidates):
+        return -1
+    kept = 0
+    for c in range(n):
+        if candidates[c, GAP] < reach:
+            for k in range(CONTACT):
+                candidates[kept, k] = candidates[c, k]
+            kept += 1
+    return kept

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..contact import SLIP_FLOOR, show
+from ..contact import SLIP_FLOOR, has_pose, show
 from ..frames import cross, dot
 from ..mesh.contacts import CONTACT, GAP, ID, NORMAL, POINT, A, B, Scratch
 from ..mesh.pool import FOUND, MEMORY, N_MESHES
@@ -24,8 +24,9 @@ GROWS = 6
 
 #: Most contacts of one pair of tools: four hold a body on another.
 _MOST = 4
-#: Share of an overlap that a step takes back. own choice: all of it at once would throw out what has sunk in by an impact.
-_PUSHED_OUT = 0.2
+#: Time [s] in which an overlap is taken back, in no fewer than so many steps. own choice: what is pushed out faster hops, by its speed,
+#: higher than it was deep. A scalar mass is pushed out faster, as the overlap is what bears the weight that it does not know.
+_PUSHED_OUT, _PUSHED_OUT_SCALAR, _STEPS_OUT = 0.02, 0.005, 5.0
 _FASTER = 1.05  # rebound speed over impact speed from which the contact is said to gain energy
 
 #: What the kernels get: arrays of any length, so that one step serves models of all sizes.
@@ -63,7 +64,7 @@ def step(t, h, P, laws, U, wheels, bodies, X, memory, kept, Y, wrenches, answers
 
     n = np.int64(0)
     for i in range(n_wheels):
-        if wheels[i].active > 0.0:
+        if wheels[i].active > 0.0 and has_pose(wheels[i]):
             for j in range(n_bodies):
                 found = wheel_candidates(p, i, wheels[i], n_bodies, bodies[j], j, meshes, scratch, candidates)
                 if found < 0:
@@ -199,7 +200,8 @@ def _make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, t
             b[3 * c + r] = free if exact else now
             if r == 0:
                 v[c] = now
-        _bound(h, p, laws, n_wheels, c, rows, b[3 * c], v[c], target, mu)
+        slow = max(_PUSHED_OUT if exact else _PUSHED_OUT_SCALAR, _STEPS_OUT * h)
+        _bound(h, slow, p, laws, n_wheels, c, rows, b[3 * c], v[c], target, mu)
     if not exact:
         _scalar_masses(p, laws, n_wheels, n, rows, G)
         return
@@ -223,8 +225,11 @@ def _make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, t
 
 
 @kernel
-def _bound(h, p, laws, n_wheels, c, rows, free, now, target, mu):
-    """The least normal velocity at the step's end: what closes the gap, or takes back a share of the overlap, or the rebound (Newton)."""
+def _bound(h, slow, p, laws, n_wheels, c, rows, free, now, target, mu):
+    """Least normal velocity at the step's end: what closes the gap, or takes back the overlap in time, or the rebound (Newton).
+
+    An overlap is taken back within ``slow`` [s].
+    """
     on, against = int(rows[c, A]), int(rows[c, B])
     law = laws[against - n_wheels]
     mu[c], restitution = law.mu, law.restitution
@@ -234,7 +239,7 @@ def _bound(h, p, laws, n_wheels, c, rows, free, now, target, mu):
     gap = rows[c, GAP]
     least = 0.0
     if h > 0.0:
-        least = -gap / h if gap > 0.0 else -_PUSHED_OUT * gap / h
+        least = -gap / h if gap > 0.0 else -gap / slow
     if now < -p.rest_speed and gap + h * min(free, now) <= 0.0:
         least = max(least, -restitution * now)
     target[c] = least

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ..contact import SLIP_FLOOR, show
+from ..contact import SLIP_FLOOR, has_pose, show
 from ..frames import cross, dot
 from ..mesh.contacts import GAP, NORMAL, POINT, Scratch
 from ..mesh.pool import FOUND, MEMORY, N_MESHES
@@ -61,10 +61,10 @@ def step_on_bodies(t, h, P, laws, wheels, bodies, memory, wrenches, answers, pai
     if status:
         return status + STATUS_SPAN * index
     _clear(wrenches, answers, pairs)
-    slot, warning = np.int64(0), 0
+    slot = np.int64(0)
     for i in range(len(wheels)):
         wheel, deepest = wheels[i], 0.0
-        if count_silent(wheel, memory[i]):
+        if wheel.active > 0.0 and has_pose(wheel):
             for j in range(n_bodies):
                 n = wheel_candidates(p, i, wheel, n_bodies, bodies[j], j, meshes, scratch, candidates)
                 if n < 0:
@@ -77,8 +77,6 @@ def step_on_bodies(t, h, P, laws, wheels, bodies, memory, wrenches, answers, pai
                 if depth > p.reach:
                     return TOO_DEEP + STATUS_SPAN * j
                 deepest = max(deepest, depth)
-        elif memory[i].silent > 0.0:
-            warning = NO_DATA + STATUS_SPAN * i
         _show(p, wheel, deepest, wrenches[i], diagnostics[i])
         _anchor(wheel, anchors[i])
     for j in range(n_bodies):
@@ -104,6 +102,11 @@ def step_on_bodies(t, h, P, laws, wheels, bodies, memory, wrenches, answers, pai
             slot, depth = _touch(p, law, on, bodies[j], against, bodies[k], n, candidates, out, answers[j], answers[k], pairs, slot)
             if depth > p.reach:
                 return TOO_DEEP + STATUS_SPAN * j
+    warning = 0  # only what is not refused changes the state
+    for i in range(len(wheels)):
+        count_silent(wheels[i], memory[i])
+        if memory[i].silent > 0.0:
+            warning = NO_DATA + STATUS_SPAN * i
     return warning
 
 
@@ -137,7 +140,8 @@ def _touch(p, law, on, tool, against, other, n, candidates, out, wrench, opposit
                 continue
             k, d, f = _push(p, law, tool, other, candidates[c], out[c])
             out[c] = 0.0
-            load, stiffness, damper = load + f, stiffness + k, damper + d
+            if f > 0.0:  # else it stays without force, however it moves
+                load, stiffness, damper = load + f, stiffness + k, damper + d
             # By stiffness times depth, not by force, so that the place does not jump where damping takes the force away.
             weight = -k * candidates[c, GAP]
             x, y, z = x + weight * candidates[c, POINT], y + weight * candidates[c, POINT + 1], z + weight * candidates[c, POINT + 2]

@@ -42,7 +42,9 @@ def contact_with_plane(p, wheel, patch, n_x, n_y, n_z, d, wrench, contact, shown
         else:
             load, stiffness = bekker(bekker_modulus(p.k_c, p.k_phi, p.b_w), p.n, p.b_w, radius, depth)
         damper = damping(p.damping_ratio, stiffness, p.effective_mass)
-        load = wheel.active * max(0.0, load - damper * v_n)  # it does not pull back what leaves
+        load = wheel.active * (load - damper * v_n)
+        if load < 0.0:
+            load = stiffness = damper = 0.0  # it does not pull back what leaves
     friction = load * friction_secant(p.mu, max(p.mu, p.mu_static), p.v_static, p.v_creep, math.sqrt(v_x * v_x + v_y * v_y))
 
     f_x, f_y = -friction * v_x, -friction * v_y

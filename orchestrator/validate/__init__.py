@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..side_by_side import Crew
-from . import closed_forms, identification, multipass, predictions, repetitive, scm, sensitivities, single_wheel, slopes
+from . import closed_forms, hard, identification, multipass, predictions, repetitive, scm, sensitivities, single_wheel, slopes
 from .bench import Bench
 from .report import Report
 from .rows import Findings
@@ -27,6 +27,7 @@ CHECKS: dict[str, Callable[[Bench], Findings]] = {
     "slopes": slopes.check,
     "closed_forms": closed_forms.check,
     "repetitive": repetitive.check,
+    "hard_ground": hard.check,
     "identification": identification.check,
 }
 
