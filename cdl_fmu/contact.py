@@ -114,7 +114,7 @@ def lowest_point(p, wheel):
 def show(wheel, sinkage, slip, theta_entry, theta_exit, f, drive_torque, shown):
     """Diagnostics, forces in the heading frame."""
     v, a_x, a_y = wheel.v_0, wheel.T[1, 0], wheel.T[1, 1]
-    level = math.sqrt(a_x * a_x + a_y * a_y)
+    level = max(math.sqrt(a_x * a_x + a_y * a_y), 1e-9)  # a wheel on its side, which hard contacts know, has no heading
     h_x, h_y = a_y / level, -a_x / level  # heading, horizontal
     forward, sideward = v[0] * h_x + v[1] * h_y, v[1] * h_x - v[0] * h_y
     shown.sinkage = sinkage

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from ..contact import PATIENCE, has_pose
-from ..frames import is_rotation
+from ..contact import PATIENCE, SLIP_FLOOR, has_pose, show
+from ..frames import dot, is_rotation
 from ..slave.interface import body_pose, wheel_active, wheel_pose
 from ..slave.kernel import kernel
 from ..slave.model import Event
 from ..slave.records import Choice, Real, Record
-from ..wheel import WHEEL
+from ..terramechanics import slip_ratio
+from ..wheel import WHEEL, tip_radius
 from .contacts import CONTACT, GAP, A
 from .pairs import mesh_contacts
 from .wheel import wheel_contacts
@@ -124,3 +127,20 @@ def _within(reach, n, candidates):
                 candidates[kept, k] = candidates[c, k]
             kept += 1
     return kept
+
+
+@kernel
+def clear_wrench(wrench):
+    """Nothing acts."""
+    for k in range(3):
+        wrench.f_0[k] = wrench.t_0[k] = 0.0
+
+
+@kernel
+def show_tool(p, wheel, deepest, wrench, shown):
+    """Diagnostics of a wheel; its sinkage is the deepest overlap, as there is no ground here from which it could count."""
+    T, v, w = wheel.T, wheel.v_0, wheel.w_0
+    level = max(math.hypot(T[1, 0], T[1, 1]), 1e-3)
+    speed, rim = (v[0] * T[1, 1] - v[1] * T[1, 0]) / level, tip_radius(p) * dot(w[0], w[1], w[2], T[1, 0], T[1, 1], T[1, 2])
+    torque = -dot(wrench.t_0[0], wrench.t_0[1], wrench.t_0[2], T[1, 0], T[1, 1], T[1, 2])
+    show(wheel, deepest, slip_ratio(speed, rim, SLIP_FLOOR), 0.0, 0.0, wrench.f_0, torque, shown)

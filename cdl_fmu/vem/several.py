@@ -9,16 +9,27 @@ import math
 
 import numpy as np
 
-from ..contact import SLIP_FLOOR, has_pose, show
+from ..contact import has_pose
 from ..frames import cross, dot
 from ..mesh.contacts import GAP, NORMAL, POINT, Scratch
 from ..mesh.pool import FOUND, MEMORY, N_MESHES
 from ..mesh.reduce import shares
 from ..mesh.surface import Meshes
-from ..mesh.tools import NO_DATA, TOO_DEEP, TOO_MANY, body_candidates, count_silent, is_fixed, refused_tool, wheel_candidates
+from ..mesh.tools import (
+    NO_DATA,
+    TOO_DEEP,
+    TOO_MANY,
+    body_candidates,
+    clear_wrench,
+    count_silent,
+    is_fixed,
+    refused_tool,
+    show_tool,
+    wheel_candidates,
+)
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN
-from ..terramechanics import bekker_modulus, slip_ratio
+from ..terramechanics import bekker_modulus
 from ..wheel import tip_radius
 from .law import bekker, damping, friction_secant, linear
 from .single import LINEAR
@@ -40,17 +51,11 @@ def initialise_bodies(t, P, laws, memory, wrenches, answers, pairs, anchors, dia
 @kernel
 def _clear(wrenches, answers, pairs):
     for i in range(len(wrenches)):
-        _clear_wrench(wrenches[i])
+        clear_wrench(wrenches[i])
     for j in range(len(answers)):
-        _clear_wrench(answers[j])
+        clear_wrench(answers[j])
     for c in range(len(pairs)):
         pairs[c].on = pairs[c].against = 0.0
-
-
-@kernel
-def _clear_wrench(wrench):
-    for k in range(3):
-        wrench.f_0[k] = wrench.t_0[k] = 0.0
 
 
 @kernel
@@ -77,7 +82,7 @@ def step_on_bodies(t, h, P, laws, wheels, bodies, memory, wrenches, answers, pai
                 if depth > p.reach:
                     return TOO_DEEP + STATUS_SPAN * j
                 deepest = max(deepest, depth)
-        _show(p, wheel, deepest, wrenches[i], diagnostics[i])
+        show_tool(p, wheel, deepest, wrenches[i], diagnostics[i])
         _anchor(wheel, anchors[i])
     for j in range(n_bodies):
         _anchor(bodies[j], anchors[len(wheels) + j])
@@ -247,13 +252,3 @@ def _add(wrench, tool, x, y, z, f_x, f_y, f_z):
     wrench.t_0[0] += t_x
     wrench.t_0[1] += t_y
     wrench.t_0[2] += t_z
-
-
-@kernel
-def _show(p, wheel, deepest, wrench, shown):
-    """Diagnostics of a wheel; its sinkage is the deepest overlap, as there is no ground here from which it could count."""
-    T, v, w = wheel.T, wheel.v_0, wheel.w_0
-    level = max(math.hypot(T[1, 0], T[1, 1]), 1e-3)
-    speed, rim = (v[0] * T[1, 1] - v[1] * T[1, 0]) / level, tip_radius(p) * dot(w[0], w[1], w[2], T[1, 0], T[1, 1], T[1, 2])
-    torque = -dot(wrench.t_0[0], wrench.t_0[1], wrench.t_0[2], T[1, 0], T[1, 1], T[1, 2])
-    show(wheel, deepest, slip_ratio(speed, rim, SLIP_FLOOR), 0.0, 0.0, wrench.f_0, torque, shown)
