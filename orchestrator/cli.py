@@ -71,7 +71,10 @@ def main(
 def run(
     source: Annotated[
         str,
-        typer.Argument(metavar="SOURCE", help="A shipped experiment (two_wheel, single_wheel), an experiment's .toml, or an .ssp package."),
+        typer.Argument(
+            metavar="SOURCE",
+            help="A shipped experiment (two_wheel, rocks_in_sand, single_wheel), an experiment's .toml, or an .ssp package.",
+        ),
     ],
     tiers: Tiers = None,
     soil: Soil = None,
