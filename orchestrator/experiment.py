@@ -295,7 +295,7 @@ class Experiment:
                 raise ExperimentError(f"{self._place(section, '')}: {named} has no tier; use one of {', '.join(TIERS)}")
             if given[key] not in list(TIERS):
                 where = self._place(section, key)
-                hint = ' ("RBC" is for rocks: rocks.tier)' if given[key] in ROCK_TIERS else ""
+                hint = ' ("RBC" is for rocks: rocks.tier)' if given[key] in list(ROCK_TIERS) else ""
                 raise ExperimentError(f"{where}: tier {given[key]!r} of {named} is unknown; use one of {', '.join(TIERS)}{hint}")
         return {wheel: given[key] for wheel, key in keys.items()}
 

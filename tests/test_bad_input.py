@@ -64,7 +64,7 @@ def own(tmp_path):
         ('rear = "BCM"', 'rear = ["BCM"]', "own.toml, line 6: tier ['BCM'] of wheel rear is unknown; use one of BCM"),
         ('rear = "BCM"', "", "own.toml, line 4: wheel rear has no tier; use one of BCM"),
         ('rear = "BCM"', 'rear = "BCM"\nmiddle = "BCM"', "own.toml, line 7: tiers.middle is unknown; use one of front, rear"),
-        ("0.01", '0.01\nscheme = "rk4"', "own.toml, line 4: run.scheme = 'rk4': choose one of ij, gs-mid, gs, jacobi, aitken"),
+        ("0.01", '0.01\nscheme = "rk4"', "own.toml, line 4: run.scheme = 'rk4': choose one of ij, ij-free, gs-mid, gs, jacobi, aitken"),
         ("0.01", "nan", "own.toml, line 3: run.stop_time = nan s: it must be finite"),
         ("0.01", "-1", "own.toml, line 3: run.stop_time = -1 s: it must be at least 0 s"),
         ("mss_d", "mss_e", "own.toml, line 8: no soil set 'mss_e': use one of"),

@@ -187,7 +187,7 @@ def test_ctrl_c_before_the_first_step_is_no_traceback(monkeypatch):
 @pytest.mark.parametrize(
     "arguments, text",
     [
-        (["nowhere"], "error: no experiment 'nowhere': use one of single_wheel, two_wheel or the path of a .toml file"),
+        (["nowhere"], "error: no experiment 'nowhere': use one of rocks_in_sand, single_wheel, two_wheel or the path of a .toml file"),
         (["nowhere.ssp"], "error: nowhere.ssp: no such file; give the path of an existing package"),
         (["two_wheel", "--tiers", "BCM"], "error: --tiers BCM: give 2 tiers, FRONT,REAR"),
         (["two_wheel", "--tiers", "BCM,XYZ"], "tier 'XYZ' of wheel rear is unknown; use one of BCM"),
@@ -197,7 +197,7 @@ def test_ctrl_c_before_the_first_step_is_no_traceback(monkeypatch):
         (["two_wheel", "--set", "soil.phi=steep"], "soil.phi = 'steep': a number in rad is needed"),
         (["two_wheel", "--set", "soil=3"], "--set soil: soil = 3 is in no section"),
         (["two_wheel", "--set", "title.x=3"], "--set title.x: title is a value, not a section"),
-        (["two_wheel", "--scheme", "rk4"], "'rk4' is not one of 'ij', 'gs-mid', 'gs', 'jacobi', 'aitken'"),
+        (["two_wheel", "--scheme", "rk4"], "'rk4' is not one of 'ij', 'ij-free', 'gs-mid', 'gs', 'jacobi', 'aitken'"),
         (["two_wheel", "--step", 0], "error: step = 0 s: it must be positive"),
         (["two_wheel", "--stop-time", "nan"], "error: stop time nan s: it must be finite and at least 0 s"),
         (["two_wheel", "--stop-time", 0.0105], "stop time 0.0105 s is no multiple of the step 0.001 s; the nearest are 0.01 s and 0.011 s"),

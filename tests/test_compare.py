@@ -188,7 +188,7 @@ def test_the_command_refuses_what_cannot_be_compared():
     assert cdl("compare", "single_wheel").stderr.startswith(
         "error: single_wheel has the wheel wheel: a comparison needs a front and a rear"
     )
-    text = "error: no experiment 'nowhere': use one of single_wheel, two_wheel or the path of a .toml file"
+    text = "error: no experiment 'nowhere': use one of rocks_in_sand, single_wheel, two_wheel or the path of a .toml file"
     assert text in cdl("compare", "nowhere").stderr
 
 

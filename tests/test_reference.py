@@ -26,7 +26,7 @@ def parts(**driver):
 def test_equations_of_motion_agree_with_mujoco():
     rng = np.random.default_rng(1)
     contact, rover, _ = parts()
-    m = two_wheel(rover.p)
+    m = two_wheel(rover.p, 0)
     d = mujoco.MjData(m)
     _, U, _, Y = contact.arrays
     mass, acceleration, work = np.zeros((m.nv, m.nv)), np.zeros(5), np.zeros((2, 12, 12))
