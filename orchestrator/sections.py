@@ -34,24 +34,30 @@ def models_of(rig: Rig) -> dict[str, Model]:
 
 
 def files_in(section: str, models: Mapping[str, Model]) -> Mapping[str, str]:
-    """Files that a section can name, with their descriptions."""
+    """Files that a section can name, with their descriptions; those of bodies are named by each [[rock]]."""
     files = dict(models[section].files) if section in models else {}
-    return files | GROUND if section in ("bcm", "vem") else files
+    if section in ("bcm", "vem"):
+        files |= GROUND
+    if section == "vem":
+        files |= _of_rocks("vem").files
+    return {name: description for name, description in files.items() if not name.startswith("body[")}
 
 
 def sections_of(rig: Rig, models: Mapping[str, Model]) -> dict[str, Record]:
-    """Section -> what it holds."""
+    """Section -> what it holds; a tier that can be of rocks, too, has one section for both."""
     elsewhere = {*(ENVIRONMENT | SOIL | WHEEL).fields, *rig.given, "rock"}
-    # A tier that can be of rocks, too, has one section for both.
-    rocks = {
-        tier.lower(): {name: field for name, field in kind(len(rig.tiers), 1).parameters.fields.items() if name != "body"}
-        for tier, kind in ROCK_TIERS.items()
-    }
-    own = {
-        part: Record(**{k: f for k, f in (rocks.get(part, {}) | model.parameters.fields).items() if k not in elsewhere})
-        for part, model in models.items()
-    }
+    own = {}
+    for part, model in models.items():
+        fields = dict(model.parameters.fields)
+        if part.upper() in ROCK_TIERS:
+            fields |= _of_rocks(part).parameters.fields
+            del fields["body"]
+        own[part] = Record(**{name: field for name, field in fields.items() if name not in elsewhere})
     return {"run": RUN, "environment": ENVIRONMENT, "soil": SOIL, "wheel": WHEEL, **own}
+
+
+def _of_rocks(part: str) -> Model:
+    return ROCK_TIERS[part.upper()](1, 1)
 
 
 def takes_one(key: str, rig: Rig) -> bool:

@@ -86,7 +86,7 @@ def refused(tmp_path, overrides=None, tiers=None, edit=lambda text: text):
         ({"rocks.tier": "DEM"}, "rocks.tier = 'DEM' is unknown; use one of RBC, VEM"),
         ({"rocks.teir": "VEM"}, "rocks.teir is unknown; did you mean tier?"),
         ({"rbc.n_directions": 7}, "rbc.n_directions = 7: it must be even"),
-        ({"rbc.k": 1}, "rbc.k is unknown; use one of effective_mass,"),
+        ({"rbc.k": 1}, "rbc.k is unknown; use one of effective_mass, max_sweeps,"),
         ({"rover.rock[1].mass": 1.0}, "there is no [[rock]] of number 1"),
     ],
 )

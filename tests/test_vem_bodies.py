@@ -9,6 +9,7 @@ from hard import export, floor
 
 from cdl_fmu.frames import axis_rotation
 from cdl_fmu.mesh.rocks import rock
+from cdl_fmu.rbc import RBC
 from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.vem import VEM
 
@@ -226,3 +227,19 @@ def test_a_refused_step_changes_nothing(meshes):
 def test_a_body_needs_a_mesh():
     with pytest.raises(ModelError, match=r"body\[1\].mesh names no file"):
         Instance(VEM(1, 0, 1)).initialise()
+
+
+@pytest.mark.parametrize("model", [VEM(1, 0, 1), RBC(1, 1)], ids=lambda m: m.identifier)
+@pytest.mark.parametrize(
+    ("thing", "height"), [(trimesh.creation.icosphere(2, 0.03), 0.0), (trimesh.creation.box((2.0, 2.0, 0.2)), 0.15)], ids=["ball", "slab"]
+)
+def test_a_wheel_deep_within_a_body_or_around_it_is_refused(model, thing, height, tmp_path):
+    """Deeper than contacts are looked for, where there would be none: a stone in the wheel, the wheel half in a slab."""
+    thing.export(tmp_path / "thing.stl")
+    instance = Instance(model, **{"body[1].mesh": tmp_path / "thing.stl"})
+    instance.u.wheel[0].r_0[2] = height
+    instance.u.body[0].r_0[0] = 1e-3
+    with pytest.raises(ModelError, match=r"body 1, at \(0\.001, 0, 0\) m, is overlapped by more than reach = 0\.01 m: start"):
+        instance.initialise()
+        instance.u.wheel[0].v_0[0] = 1e-3  # with a pose of all zeros it would not have been set yet
+        instance.step(0.0, 1e-3)

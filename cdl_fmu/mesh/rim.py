@@ -47,7 +47,12 @@ def rim_contacts(i, radius, width, pose_wheel, meshes, j, pose_j, margin, scratc
     while top > 0:
         top -= 1
         node = stack[top]
-        if _clear(frame, meshes.boxes, node, radius, 0.5 * width, margin):
+        depth = _depth(frame, meshes.boxes, node, radius, 0.5 * width, margin)
+        if depth < 0.0:
+            continue
+        if depth > 0.0:  # deeper than candidates are looked for: one tells of it
+            x, y, z = moved(frame, meshes.boxes[node, 0], meshes.boxes[node, 1], meshes.boxes[node, 2])
+            n = _add(contacts, n, i, j, pose_wheel, x, y, z, 0.0, 0.0, 1.0, -depth, -1.0, 1.0)
             continue
         right = meshes.nodes[node, RIGHT]
         if right > 0:
@@ -61,8 +66,8 @@ def rim_contacts(i, radius, width, pose_wheel, meshes, j, pose_j, margin, scratc
 
 
 @kernel(inline=True)
-def _clear(frame, boxes, node, radius, half, margin):
-    """Whether a box is further than the margin from the rim's surface, outside or within."""
+def _depth(frame, boxes, node, radius, half, margin):
+    """How deep within the rim a box lies at least [m]: below 0 if it is further than the margin outside of it, 0 near its surface."""
     x, y, z = moved(frame, boxes[node, 0], boxes[node, 1], boxes[node, 2])
     x, y, z = abs(x), abs(y), abs(z)
     b_x, b_y, b_z, k = boxes[node, 3], boxes[node, 4], boxes[node, 5], AMOUNTS
@@ -71,9 +76,9 @@ def _clear(frame, boxes, node, radius, half, margin):
     h_z = frame[k + 6] * b_x + frame[k + 7] * b_y + frame[k + 8] * b_z
     near_x, near_z = max(x - h_x, 0.0), max(z - h_z, 0.0)
     if y - h_y > half + margin or near_x * near_x + near_z * near_z > (radius + margin) ** 2:
-        return True
-    far_x, far_z, within = x + h_x, z + h_z, radius - margin
-    return within > 0.0 and y + h_y < half - margin and far_x * far_x + far_z * far_z < within * within
+        return -1.0
+    depth = min(radius - math.sqrt((x + h_x) ** 2 + (z + h_z) ** 2), half - y - h_y)
+    return depth if depth > margin else 0.0
 
 
 @kernel(inline=True)
@@ -236,7 +241,8 @@ def _faces(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n):
         for end in range(2):
             x, y, z = scale * n_x, half - 2.0 * half * end, scale * n_z
             gap = dot(x - o_x, y - o_y, z - o_z, n_x, n_y, n_z)
-            if abs(gap) < margin:
+            # One that cuts through the wheel below its axle is a candidate however deep it is, so that it is not missed.
+            if abs(gap) < margin or -radius * math.sqrt(across) < gap < 0.0:
                 x, y, z = x - gap * n_x, y - gap * n_y, z - gap * n_z
                 q_x, q_y, q_z = moved_back(frame, x, y, z)
                 if _over(vertices, triangles, t, normals, q_x, q_y, q_z):
