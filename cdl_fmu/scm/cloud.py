@@ -41,6 +41,7 @@ from .columns import (
     FLOOR,
     FLUX_X,
     FLUX_Y,
+    FRICTION,
     J_X,
     J_Y,
     K_X,
@@ -79,9 +80,9 @@ from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import mobilised, nodes_per_root, power, remembered, whole
+from .stress import kept_by_load, mobilised, nodes_per_root, power, remembered, whole
 from .support import clear_support, resist, resist_cell
-from .tiles import BASE, COMPACTED, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, base_height, floor_depth, in_tile, row_of
+from .tiles import BASE, COMPACTED, FILL, HELD, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, base_height, floor_depth, in_tile, row_of
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
 #: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
@@ -241,7 +242,7 @@ def cloud_contact(
             cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
 
         if on_tips[_TOTAL] > 0.0:
-            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
+            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, 0.0, sums)
         if total <= 0.0:
             if is_body and covered == 0.0 and steep_plan >= LEAST_COVER * cell * cell:
                 covered, lowest = steep_plan, lowest_steep  # soil that was laid around it does not slide into its place
@@ -261,7 +262,10 @@ def cloud_contact(
                 plan = -n_z * placed[e, AREA]
                 on_surface = _pressed(on_surface, placed[e, X], placed[e, Y], placed[e, Z], n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
-        j_x, j_y, share, u_x, u_y = _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, h, sums)
+        held = rows[row, HELD, a, b] if is_body and kept else 0.0
+        j_x, j_y, share, u_x, u_y, friction_ = _bear(
+            p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, held, h, sums
+        )
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
         laid = base_height(p, ground, frame, i, j) - rows[row, BASE, a, b] if is_body else 0.0
         sums[DEEPEST] = max(sums[DEEPEST], new_floor - fill + laid)
@@ -269,6 +273,7 @@ def cloud_contact(
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
         cells[n, J_X], cells[n, J_Y], cells[n, PATH] = j_x, j_y, path + h * math.hypot(u_x, u_y)
+        cells[n, FRICTION] = friction_
         sums[PRESSURE] += whole(total)
         sums[PUSH_SPEED] += whole(total * (u_x * t_x + u_y * t_y))
         sums[PUSH_AHEAD] += whole(total * max(ahead, 0.0))
@@ -305,12 +310,13 @@ def _place_of(k):
 
 
 @kernel
-def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
+def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held, h, sums):
     """Add the forces of a cell: its pressures, and shear on its mean surface.
 
     Args:
         pressed: What presses on it.
         j_x, j_y: Shear displacement before the step [m].
+        held: Friction that the cell could give before [N]; 0 if none is to be compared with.
 
     Returns:
         Shear displacement [m], mobilised share of the strength, and velocity against the soil [m/s], turned into the horizontal plane.
@@ -326,6 +332,10 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, su
     u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
     # Displacements are kept as turned with the surface into the horizontal plane.
     u_x, u_y = u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
+    friction_ = (p.c * area + total * tan_phi) / n_z
+    if is_body:
+        damping = max(0.0, 1.0 - p.c_d * normal)
+        j_x, j_y = kept_by_load(p.K, held, friction_, j_x, j_y)
     j_x, j_y = remembered(p.K, j_x + h * u_x, j_y + h * u_y)
     m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
     drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
@@ -344,7 +354,7 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, su
     sums[D_Z] += whole(p.c_d * total)
     if is_body:
         resist_cell(sums, stiffness * damping, drag, total, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
-    return j_x, j_y, share, u_x, u_y
+    return j_x, j_y, share, u_x, u_y, friction_
 
 
 @kernel(inline=True)

@@ -9,7 +9,8 @@ from .tiles import POINTS
 #: Columns of a tool's list of pressed cells.
 ROW, A, B, FLOOR, MEAN, J_X, J_Y, PATH, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(13)
 SLOPE = FIRST + POINTS  # while a cell of a meshed tool is looked at
-COLUMNS = SLOPE + POINTS
+FRICTION = SLOPE + POINTS  # that the cell can give a body [N]
+COLUMNS = FRICTION + 1
 #: FLOOR of a cell that is not pressed, but covered so closely that no soil slides in: off the tool, or bare of grains that it dragged off.
 OFF, BARE = -1.0, -2.0
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,

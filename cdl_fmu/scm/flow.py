@@ -23,6 +23,7 @@ from .columns import (
     FLOOR,
     FLUX_X,
     FLUX_Y,
+    FRICTION,
     J_X,
     J_Y,
     MEAN,
@@ -39,6 +40,7 @@ from .density import density_of
 from .tiles import (
     COMPACTED,
     FILL,
+    HELD,
     POINT,
     POINTS,
     RATIO,
@@ -89,7 +91,7 @@ def press(p, sums, cells, stamp, rows, marks):
         for k in range(POINTS):
             rows[row, POINT + k, a, b] = cells[n, FIRST + k] / after if after > 0.0 else 1.0
         rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b] = cells[n, J_X], cells[n, J_Y]
-        rows[row, SLIP, a, b] = cells[n, PATH]
+        rows[row, SLIP, a, b], rows[row, HELD, a, b] = cells[n, PATH], cells[n, FRICTION]
         rows[row, STAMP, a, b] = stamp
         denser = min((after - before) - quantised(p.plasticity * (after - before)), most - rows[row, COMPACTED, a, b])
         rows[row, COMPACTED, a, b] += denser

@@ -95,6 +95,22 @@ def remembered(K, j_x, j_y):
 
 
 @kernel
+def kept_by_load(K, before, now, j_x, j_y):
+    """Shear displacement vector [m] of a cell whose friction grew from ``before`` to ``now`` [N], that gives the force which it gave.
+
+    A spring whose stiffness grows with its load would give back more than went into it where it is loaded while it is strained and unloaded
+    while it is not: a body that rocks would rock on for ever. Where the load falls the displacement stays, and what was stored is lost.
+    """
+    if before <= 0.0 or now <= before:
+        return j_x, j_y
+    j = math.sqrt(j_x * j_x + j_y * j_y)
+    if j < 1e-9 * K:
+        return j_x * before / now, j_y * before / now
+    kept = -K * math.log1p(-before / now * janosi_displacement(j, K)) / j  # Elata & Berryman 1996
+    return j_x * kept, j_y * kept
+
+
+@kernel
 def deepest_of_table(p):
     """Depth [m] up to which powers are tabulated: more than a wheel's radius."""
     return 2.0 * p.r_w
