@@ -54,6 +54,7 @@ from .columns import (
     N_Z,
     OFF,
     PATH,
+    PLAN,
     PRESSURE,
     PUSH_ACROSS,
     PUSH_AHEAD,
@@ -75,7 +76,7 @@ from .columns import (
     clear,
 )
 from .density import bearing_gain, density_of, friction
-from .elements import LAYER, LEAST_COVER, lowest_bearing, place_elements
+from .elements import LAYER, LEAST_COVER, bearing_share, lowest_bearing, place_elements, wall_share
 from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
@@ -187,18 +188,20 @@ def cloud_contact(
         while e >= 0:
             x, y, z = placed[e, X], placed[e, Y], placed[e, Z]
             n_x, n_y, n_z, area = placed[e, N_X], placed[e, N_Y], placed[e, N_Z], placed[e, AREA]
-            placed[e, AT] = -1.0
+            placed[e, AT], wall = -1.0, 0.0
             if n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + LAYER * cell:
-                plan, along, across = -n_z * area, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
+                bears = bearing_share(is_body, steep, n_z)
+                wall = 1.0 - bears
+                plan, along, across = -n_z * area * bears, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
                 k = min(max(int((along / cell + 0.5) * POINTS), 0), POINTS - 1)
                 if placed[e, KIND] == SURFACE:
                     # Its depth where the point is, on its plane.
                     rise_along, rise_across = -(n_x * h_x + n_y * h_y) / n_z, -(n_x * l_x + n_y * l_y) / n_z
-                    z += (_place_of(k) * cell - along) * rise_along - across * rise_across
-                    cells[n, FIRST + k] += plan * (surface - z)
+                    z_k = z + ((_place_of(k) * cell - along) * rise_along - across * rise_across)
+                    cells[n, FIRST + k] += plan * (surface - z_k)
                     cells[n, _PLAN + k] += plan
                     cells[n, SLOPE + k] += plan * rise_along
-                    placed[e, AT] = k
+                    placed[e, AT], placed[e, PLAN] = k, plan
                     covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
                 else:
                     depth = surface - z
@@ -210,16 +213,17 @@ def cloud_contact(
                         sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
                         on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
+                wall = wall_share(is_body, steep, n_z)
                 if n_z < 0.0:
                     steep_plan, lowest_steep = steep_plan - n_z * area, min(lowest_steep, z)
-                share = (m_x * n_x + m_y * n_y) * push
-                if share > 0.0:
-                    f = area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner)
-                    _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
-                    sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
-                    sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
-                    if is_body:
-                        resist(sums, ALONG_SOIL, f * push, n_x, n_y, n_z, x, y, z)
+            share = (m_x * n_x + m_y * n_y) * push
+            if wall > 0.0 and share > 0.0:
+                f = wall * area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner)
+                _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
+                sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
+                sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
+                if is_body:
+                    resist(sums, ALONG_SOIL, f * push, n_x, n_y, n_z, x, y, z)
             e = links[next_ + e]
 
         # Elements around a point press together, as one would: their depths differ by more than soil yields elastically.
@@ -259,8 +263,8 @@ def cloud_contact(
             k = int(placed[e, AT])
             if k >= 0 and cells[n, _SIGMA + k] > 0.0:
                 n_x, n_y, n_z = placed[e, N_X], placed[e, N_Y], placed[e, N_Z]
-                plan = -n_z * placed[e, AREA]
-                on_surface = _pressed(on_surface, placed[e, X], placed[e, Y], placed[e, Z], n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
+                x, y, z, plan = placed[e, X], placed[e, Y], placed[e, Z], placed[e, PLAN]
+                on_surface = _pressed(on_surface, x, y, z, n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
         held = rows[row, HELD, a, b] if is_body and kept else 0.0
         j_x, j_y, share, u_x, u_y, friction_ = _bear(

@@ -11,6 +11,8 @@ from .tiles import BASE, FILL, base_height, in_tile, nearest, row_of
 LAYER = 3.0
 #: Share of a cell that steep faces which lean out over it have to cover, for it to belong to the tool.
 LEAST_COVER = 0.5
+#: Vertical share [1] of a normal over which a body's surface goes from steep to bearing, so that no force jumps where a flat side turns.
+RAMP = 0.1
 _ABOVE = 1.0  # cells above the level up to which elements are looked at
 _UPWARD = 0.7  # upward normals up to which a flank can push
 
@@ -48,7 +50,7 @@ def place_elements(p, tool, is_body, steep, rows, ground, frame, grid, corner, i
         i, j = nearest(r_0[0] + w_x, cell), nearest(r_0[1] + w_y, cell)
         row = row_of(grid, corner, i, j)
         if w_z > rows[row, BASE, in_tile(i), in_tile(j)] + rows[row, FILL, in_tile(i), in_tile(j)] + above:
-            undisturbed = base_height(p, ground, frame, i, j) if is_body and m_z > -steep else -1e300
+            undisturbed = base_height(p, ground, frame, i, j) if is_body and m_z > -steep - RAMP else -1e300
             if w_z > undisturbed + rows[row, FILL, in_tile(i), in_tile(j)] + above:
                 continue
         placed[n, X], placed[n, Y], placed[n, Z] = w_x, w_y, w_z
@@ -59,6 +61,18 @@ def place_elements(p, tool, is_body, steep, rows, ground, frame, grid, corner, i
         links[next_ + n], links[at] = links[at], n
         n += 1
     return n
+
+
+@kernel(inline=True)
+def bearing_share(is_body, steep, n_z):
+    """Share of a surface of this downward normal that bears; the rest pushes soil aside."""
+    return min((-n_z - steep) / RAMP, 1.0) if is_body else 1.0
+
+
+@kernel(inline=True)
+def wall_share(is_body, steep, n_z):
+    """Share of a steep surface of this normal that pushes soil aside: less where it nearly faces up."""
+    return min((steep - n_z) / RAMP, 1.0) if is_body else 1.0
 
 
 @kernel

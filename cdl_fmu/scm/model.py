@@ -30,7 +30,7 @@ from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH
 from .columns import WIDTH
 from .density import COMPRESSIBLE, check_density
 from .erosion import repose_of
-from .meshes import load_meshes
+from .meshes import PER_CELL, PER_CELL_OF_BODIES, load_meshes
 from .pool import SoilPool
 from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise, step_kernels
 from .tiles import LONGEST_QUEUE
@@ -211,7 +211,8 @@ class SCM(KernelModel):
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         names = ["wheel_mesh"] * n_wheels + [f"body[{i + 1}].mesh" for i in range(n_bodies)]
         widths = [p.b_w] * n_wheels + [p.body[i].b for i in range(n_bodies)]
-        meshes = load_meshes(names, files, widths, p.cell)
+        per_cell = [PER_CELL] * n_wheels + [PER_CELL_OF_BODIES] * n_bodies
+        meshes = load_meshes(names, files, widths, per_cell, p.cell)
         for name, width in zip(names, meshes.shapes[:, WIDTH]):
             if p.pressure_model == 1.0 and width > 0.0 and p.k_c / width + p.k_phi <= 0.0:
                 raise ModelError(
