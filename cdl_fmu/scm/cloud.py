@@ -83,7 +83,23 @@ from .features import FLANK, SURFACE
 from .rim import pushes
 from .stress import kept_by_load, mobilised, nodes_per_root, power, remembered, whole
 from .support import clear_support, resist, resist_cell
-from .tiles import BASE, COMPACTED, FILL, HELD, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, base_height, floor_depth, in_tile, row_of
+from .tiles import (
+    BASE,
+    COMPACTED,
+    FILL,
+    HELD,
+    POINT,
+    POINTS,
+    SHEAR_X,
+    SHEAR_Y,
+    SINKAGE,
+    SLIP,
+    STAMP,
+    base_height,
+    floor_depth,
+    in_tile,
+    row_of,
+)
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
 #: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
@@ -105,7 +121,6 @@ def cloud_contact(
     length,
     modulus,
     tables,
-    h,
     stamp,
     rows,
     ground,
@@ -123,7 +138,7 @@ def cloud_contact(
     """Stresses on a meshed tool with soil under it; the arguments and results are those of ``wheel_contact`` unless said otherwise.
 
     Args:
-        tool: Its input record.
+        tool: Its pose and twist, and the mean twist and time since its contact was worked out last.
         is_body: Whether it is a body, whose support is wanted, and around which soil may have been laid.
         h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
         width, length: Of its contact, across and along [m].
@@ -154,7 +169,7 @@ def cloud_contact(
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
-    m_x, m_y, push = displace(p, tool, strength.wall_modulus, sums, h_x, h_y, h, placed, n_placed)
+    m_x, m_y, push = displace(p, tool, strength.wall_modulus, sums, h_x, h_y, placed, n_placed)
     n = 0
     for at in range((i1 - i0 + 1) * n_j):
         start = links[at]
@@ -268,7 +283,7 @@ def cloud_contact(
             e = links[next_ + e]
         held = rows[row, HELD, a, b] if is_body and kept else 0.0
         j_x, j_y, share, u_x, u_y, friction_ = _bear(
-            p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, held, h, sums
+            p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, held, tool.time, sums
         )
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
         laid = base_height(p, ground, frame, i, j) - rows[row, BASE, a, b] if is_body else 0.0
@@ -276,18 +291,18 @@ def cloud_contact(
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
-        cells[n, J_X], cells[n, J_Y], cells[n, PATH] = j_x, j_y, path + h * math.hypot(u_x, u_y)
+        cells[n, J_X], cells[n, J_Y], cells[n, PATH] = j_x, j_y, path + tool.time * math.hypot(u_x, u_y)
         cells[n, FRICTION] = friction_
         sums[PRESSURE] += whole(total)
         sums[PUSH_SPEED] += whole(total * (u_x * t_x + u_y * t_y))
         sums[PUSH_AHEAD] += whole(total * max(ahead, 0.0))
         sums[PUSH_ACROSS] += whole(total * forward * sideways)
         cells[n, ALONG], cells[n, ACROSS] = along, (d_x + off_x / covered) * l_x + (d_y + off_y / covered) * l_y
-        dragged = layer * h / cell * share * cover
+        dragged = layer * tool.time / cell * share * cover
         cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * u_x, dragged * u_y
         n += 1
     sums[CELLS] = n
-    push_ahead(p, tool, h, sums)
+    push_ahead(p, tool, tool.time, sums)
 
 
 @kernel(inline=True)
@@ -313,6 +328,14 @@ def _place_of(k):
     return (k + 0.5) / POINTS - 0.5
 
 
+@kernel(inline=True)
+def _turned(u_x, u_y, u_z, n_x, n_y, n_z):
+    """Velocity along a surface of this normal [m/s], turned with it into the horizontal plane, as displacements are kept."""
+    normal = n_x * u_x + n_y * u_y + n_z * u_z
+    u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
+    return u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
+
+
 @kernel
 def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held, h, sums):
     """Add the forces of a cell: its pressures, and shear on its mean surface.
@@ -323,7 +346,8 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held,
         held: Friction that the cell could give before [N]; 0 if none is to be compared with.
 
     Returns:
-        Shear displacement [m], mobilised share of the strength, and velocity against the soil [m/s], turned into the horizontal plane.
+        Shear displacement [m], mobilised share of the strength, mean velocity against the soil over the time h [m/s], turned into the
+        horizontal plane, and the friction that the cell can give [N].
     """
     area, total, stiffness, q_x, q_y, q_z, p_x, p_y, t_x, t_y, t_z = pressed
     l_x, l_y = -h_y, h_x
@@ -333,14 +357,14 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held,
     n_x, n_y, n_z = p_x / length, p_y / length, total / length
     u_x, u_y, u_z = velocity(tool.v_0, tool.w_0, x, y, z)
     normal = n_x * u_x + n_y * u_y + n_z * u_z
-    u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
-    # Displacements are kept as turned with the surface into the horizontal plane.
-    u_x, u_y = u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
+    u_x, u_y = _turned(u_x, u_y, u_z, n_x, n_y, n_z)
+    s_x, s_y, s_z = velocity(tool.mean_v, tool.mean_w, x, y, z)
+    s_x, s_y = _turned(s_x, s_y, s_z, n_x, n_y, n_z)
     friction_ = (p.c * area + total * tan_phi) / n_z
     if is_body:
         damping = max(0.0, 1.0 - p.c_d * normal)
         j_x, j_y = kept_by_load(p.K, held, friction_, j_x, j_y)
-    j_x, j_y = remembered(p.K, j_x + h * u_x, j_y + h * u_y)
+    j_x, j_y = remembered(p.K, j_x + h * s_x, j_y + h * s_y)
     m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
     drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
     f_x, f_y = -drag * m_x, -drag * m_y
@@ -357,8 +381,8 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held,
     sums[K_Z] += whole(stiffness * damping)
     sums[D_Z] += whole(p.c_d * total)
     if is_body:
-        resist_cell(sums, stiffness * damping, drag, total, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
-    return j_x, j_y, share, u_x, u_y, friction_
+        resist_cell(sums, stiffness * damping, drag, p.c_d * total * n_z, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
+    return j_x, j_y, share, s_x, s_y, friction_
 
 
 @kernel(inline=True)
