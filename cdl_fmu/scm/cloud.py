@@ -26,7 +26,6 @@ from .columns import (
     ALONG,
     ALONG_MAX,
     ALONG_MIN,
-    ALONG_SOIL,
     AREA,
     AT,
     BARE,
@@ -82,7 +81,7 @@ from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
 from .stress import kept_by_load, mobilised, nodes_per_root, power, remembered, whole
-from .support import clear_support, resist, resist_cell
+from .support import clear_support, resist_aside, resist_cell
 from .tiles import (
     BASE,
     COMPACTED,
@@ -238,7 +237,7 @@ def cloud_contact(
                 sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
                 sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
                 if is_body:
-                    resist(sums, ALONG_SOIL, f * push, n_x, n_y, n_z, x, y, z)
+                    resist_aside(sums, f * push, n_x, n_y, n_z, x, y, z)
             e = links[next_ + e]
 
         # Elements around a point press together, as one would: their depths differ by more than soil yields elastically.

@@ -162,7 +162,8 @@ class SCM(KernelModel):
         rest = Record(
             steps=Real(0.0, "1", "Steps since its contact was worked out last"),
             since=Real(0.0, "s", "Time since then"),
-            soil=Real(0.0, "1", "What tells the soil that it was worked out on from other soil"),
+            soil=Real(0.0, "m", "What tells the soil that it was worked out on from other soil"),
+            farthest=Real(0.0, "m", "Motion of its surface from then on over which its force hardly changes"),
             held=held,  # what was found then, if in_contact
         )
         self.state = Record(

@@ -1,9 +1,9 @@
 """Bodies at rest: most rocks of a scene do not move, and soil that nothing moves on answers as it did.
 
-Own choice: the contact of a body that is nearly at rest is worked out anew when its surface has moved by ``FARTHEST`` since it was last,
-when anything of the soil at it has changed, or another tool is at it, and after ``MOST_STEPS`` steps at latest. In between its wrench is
-continued along the interface Jacobian that was sent with it, so it stays a restoring force that dissipates. How far the body moved in that
-time counts as shear displacement in the step that works the contact out again, so none is lost.
+Own choice: the contact of a body that is nearly at rest is worked out anew when its surface has moved by ``FARTHEST`` since it was last, or
+its force changed by ``SHARE``, when the soil at it has changed, or another tool is at it, and after ``MOST_STEPS`` steps at latest. In
+between its wrench is continued along the interface Jacobian that was sent with it, so it stays a restoring force that dissipates. How far
+the body moved in that time counts as shear displacement in the step that works the contact out again, so none is lost.
 """
 
 from __future__ import annotations
@@ -16,9 +16,14 @@ from ..slave.kernel import kernel
 from .bodies import box_around
 from .columns import ALONE, CELLS, HALF, MIDDLE, SOIL, STILL
 from .tiles import BASE, FILL, SINKAGE, STAMP, in_tile, nearest, row_of
+from .tools import extents
 
 #: Motion [m] and speed [m/s] of a body's surface, and number of steps, up to which its wrench is continued.
-FARTHEST, FASTEST, MOST_STEPS = 1e-6, 1e-3, 100
+FARTHEST, FASTEST, MOST_STEPS = 2e-6, 1e-3, 100
+#: Share of a body's force by which that may change meanwhile, by the stiffness that was sent: what it may jump by in the end is less.
+SHARE = 1e-4
+#: Change of the soil, summed over cells, that is none [m]: the last grains of a landslide come to rest slowly.
+LEAST_CHANGE = 1e-5
 #: Cells around a body's box whose soil its contact reads, and by which other tools have to be farther away.
 _AROUND, _APART = 3, 6
 
@@ -42,9 +47,9 @@ def find_still(p, h, u, memory, *arrays):
             continue
         d_x, d_y, d_z = _moved(body, known.held.anchor)
         r_x, r_y, r_z = _turned(body, known.held.anchor)
-        if sums[k, ALONE] > 0.0 and sums[k, SOIL] == known.soil and known.steps < MOST_STEPS:
+        if sums[k, ALONE] > 0.0 and abs(sums[k, SOIL] - known.soil) <= LEAST_CHANGE and known.steps < MOST_STEPS:
             distance = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z) + reach * math.sqrt(r_x * r_x + r_y * r_y + r_z * r_z)
-            if distance <= FARTHEST:
+            if distance <= min(FARTHEST, known.farthest):
                 sums[k, STILL] = 1.0
         if sums[k, STILL] == 0.0 and known.steps > 0.0:
             body.time = known.since + h
@@ -96,8 +101,9 @@ def _is_alone(p, k, u, *arrays):
         if ranges[m, 1] > ranges[m, 0]:
             low_x, high_x, low_y, high_y, _ = box_around(poses[m], shapes[m])
         else:
-            wheel, reach = u.wheel[m], p.r_w + p.h_g + p.b_w
-            low_x, high_x, low_y, high_y = wheel.r_0[0] - reach, wheel.r_0[0] + reach, wheel.r_0[1] - reach, wheel.r_0[1] + reach
+            s_x, s_y = extents(p, u.wheel[m])
+            r_0 = u.wheel[m].r_0
+            low_x, high_x, low_y, high_y = r_0[0] - s_x, r_0[0] + s_x, r_0[1] - s_y, r_0[1] + s_y
         if low_x < own[1] + apart and high_x > own[0] - apart and low_y < own[3] + apart and high_y > own[2] - apart:
             return False
     return True
@@ -117,7 +123,7 @@ def _window(p, body, shape):
 
 @kernel
 def _fingerprint(p, body, shape, rows, grid, corner):
-    """A number that differs whenever the soil does that a body's contact reads."""
+    """A number [m] that differs where the soil does that a body's contact reads."""
     i0, i1, j0, j1 = _window(p, body, shape)
     total = 0.0
     for i in range(i0, i1 + 1):
@@ -138,6 +144,7 @@ def hold(body, sums, wrench, support, known):
     if held.in_contact == 0.0:
         return
     known.soil = sums[SOIL]
+    known.farthest = SHARE * _length(wrench.f_0) / max(support.K[0], support.K[1], support.K[2])
     anchor_here(body, held)
     for d in range(3):
         held.f_0[d], held.t_0[d], held.point_0[d] = wrench.f_0[d], wrench.t_0[d], support.point_0[d]

@@ -12,7 +12,6 @@ import math
 from ..contact import anchor_here, has_pose
 from ..slave.kernel import kernel
 from .columns import ALONG_SOIL, CELLS, DAMPING, INTO, STILL
-from .stress import whole
 
 _LEAST = 1e-9  # [N/m] stiffness below which there is none
 
@@ -24,19 +23,21 @@ def clear_support(sums):
         sums[n] = 0.0
 
 
-@kernel
-def resist(sums, first, stiffness, d_x, d_y, d_z, x, y, z):
-    """Add a stiffness [N/m] along the direction d at the point (x, y, z) [m] relative to the body's origin, in world axes.
+@kernel(inline=True)
+def _motion(d_x, d_y, d_z, x, y, z):
+    """Motion along d at the point (x, y, z) [m] by unit translations and rotations of the body."""
+    return d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
 
-    Args:
-        first: Where in the sums its matrix begins: INTO the soil, ALONG_SOIL, or DAMPING, whose unit is N.s/m.
-    """
-    # Motion along d at the point, by unit translations and rotations of the body.
-    motion = d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
-    n = first
+
+@kernel
+def resist_aside(sums, stiffness, d_x, d_y, d_z, x, y, z):
+    """Add the stiffness [N/m] of soil that is pushed aside along d at the point (x, y, z) [m] from the body's origin, in world axes."""
+    motion = _motion(d_x, d_y, d_z, x, y, z)
+    n = 0
     for i in range(6):
+        share = stiffness * motion[i]
         for j in range(i + 1):
-            sums[n] += whole(stiffness * motion[i] * motion[j])
+            sums[ALONG_SOIL + n] += share * motion[j]
             n += 1
 
 
@@ -51,12 +52,19 @@ def resist_cell(sums, stiffness, drag, damping, g_x, g_y, n_x, n_y, n_z, x, y, z
         g_x, g_y: Horizontal force per force up [1], which is also by how much deeper the surface gets where it moves along x and y.
         n_x, n_y, n_z: Unit normal of its mean surface, in world axes; x, y, z: its point [m].
     """
-    resist(sums, INTO, stiffness, g_x, g_y, 1.0, x, y, z)
-    resist(sums, DAMPING, damping, g_x, g_y, 1.0, x, y, z)
     # Two directions along the surface, turned out of the horizontal plane with it.
     turn = 1.0 / (1.0 + n_z)
-    resist(sums, ALONG_SOIL, drag, 1.0 - n_x * n_x * turn, -n_x * n_y * turn, -n_x, x, y, z)
-    resist(sums, ALONG_SOIL, drag, -n_x * n_y * turn, 1.0 - n_y * n_y * turn, -n_y, x, y, z)
+    into = _motion(g_x, g_y, 1.0, x, y, z)
+    one = _motion(1.0 - n_x * n_x * turn, -n_x * n_y * turn, -n_x, x, y, z)
+    other = _motion(-n_x * n_y * turn, 1.0 - n_y * n_y * turn, -n_y, x, y, z)
+    n = 0
+    for i in range(6):
+        for j in range(i + 1):
+            both = into[i] * into[j]
+            sums[INTO + n] += stiffness * both
+            sums[DAMPING + n] += damping * both
+            sums[ALONG_SOIL + n] += drag * (one[i] * one[j] + other[i] * other[j])
+            n += 1
 
 
 @kernel(inline=True)
