@@ -80,7 +80,7 @@ from .erosion import repose_of
 from .faces import displace, passive, velocity
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import kept_by_load, mobilised, nodes_per_root, power, remembered, whole
+from .stress import mobilised, nodes_per_root, power, remembered, sheared, whole
 from .support import clear_support, resist_aside, resist_cell
 from .tiles import (
     BASE,
@@ -260,7 +260,7 @@ def cloud_contact(
             cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
 
         if on_tips[_TOTAL] > 0.0:
-            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, 0.0, sums)
+            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, path, 0.0, 0.0, sums)
         if total <= 0.0:
             if is_body and covered == 0.0 and steep_plan >= LEAST_COVER * cell * cell:
                 covered, lowest = steep_plan, lowest_steep  # soil that was laid around it does not slide into its place
@@ -281,8 +281,8 @@ def cloud_contact(
                 on_surface = _pressed(on_surface, x, y, z, n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
         held = rows[row, HELD, a, b] if is_body and kept else 0.0
-        j_x, j_y, share, u_x, u_y, friction_ = _bear(
-            p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, held, tool.time, sums
+        j_x, j_y, path, share, u_x, u_y, grip = _bear(
+            p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, path, held, tool.time, sums
         )
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
         laid = base_height(p, ground, frame, i, j) - rows[row, BASE, a, b] if is_body else 0.0
@@ -290,8 +290,7 @@ def cloud_contact(
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
-        cells[n, J_X], cells[n, J_Y], cells[n, PATH] = j_x, j_y, path + tool.time * math.hypot(u_x, u_y)
-        cells[n, FRICTION] = friction_
+        cells[n, J_X], cells[n, J_Y], cells[n, PATH], cells[n, FRICTION] = j_x, j_y, path, grip
         sums[PRESSURE] += whole(total)
         sums[PUSH_SPEED] += whole(total * (u_x * t_x + u_y * t_y))
         sums[PUSH_AHEAD] += whole(total * max(ahead, 0.0))
@@ -336,16 +335,17 @@ def _turned(u_x, u_y, u_z, n_x, n_y, n_z):
 
 
 @kernel
-def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held, h, sums):
+def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, path, held, h, sums):
     """Add the forces of a cell: its pressures, and shear on its mean surface.
 
     Args:
         pressed: What presses on it.
         j_x, j_y: Shear displacement before the step [m].
+        path: Of slip on the cell before the step [m].
         held: Friction that the cell could give before [N]; 0 if none is to be compared with.
 
     Returns:
-        Shear displacement [m], mobilised share of the strength, mean velocity against the soil over the time h [m/s], turned into the
+        Shear displacement and path of slip [m], mobilised share of the strength, mean velocity against the soil over the time h [m/s], turned into the
         horizontal plane, and the friction that the cell can give [N].
     """
     area, total, stiffness, q_x, q_y, q_z, p_x, p_y, t_x, t_y, t_z = pressed
@@ -359,12 +359,14 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held,
     u_x, u_y = _turned(u_x, u_y, u_z, n_x, n_y, n_z)
     s_x, s_y, s_z = velocity(tool.mean_v, tool.mean_w, x, y, z)
     s_x, s_y = _turned(s_x, s_y, s_z, n_x, n_y, n_z)
-    friction_ = (p.c * area + total * tan_phi) / n_z
+    grip = (p.c * area + total * tan_phi) / n_z
+    path += h * math.hypot(s_x, s_y)
     if is_body:
         damping = max(0.0, 1.0 - p.c_d * normal)
-        j_x, j_y = kept_by_load(p.K, held, friction_, j_x, j_y)
-    j_x, j_y = remembered(p.K, j_x + h * s_x, j_y + h * s_y)
-    m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
+        j_x, j_y, m_x, m_y, share, secant = sheared(p, held, grip, j_x, j_y, h * s_x, h * s_y, path, u_x, u_y)
+    else:
+        j_x, j_y = remembered(p.K, j_x + h * s_x, j_y + h * s_y)
+        m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
     drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
     f_x, f_y = -drag * m_x, -drag * m_y
     f_z = -(n_x * f_x + n_y * f_y)
@@ -381,7 +383,7 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, held,
     sums[D_Z] += whole(p.c_d * total)
     if is_body:
         resist_cell(sums, stiffness * damping, drag, p.c_d * total * n_z, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
-    return j_x, j_y, share, s_x, s_y, friction_
+    return j_x, j_y, path, share, s_x, s_y, grip
 
 
 @kernel(inline=True)

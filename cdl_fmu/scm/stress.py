@@ -95,19 +95,38 @@ def remembered(K, j_x, j_y):
 
 
 @kernel
-def kept_by_load(K, before, now, j_x, j_y):
-    """Shear displacement vector [m] of a cell whose friction grew from ``before`` to ``now`` [N], that gives the force which it gave.
+def sheared(p, before, now, j_x, j_y, s_x, s_y, path, u_x, u_y):
+    """Shear of a cell below a body, that gives back no more energy than went into it.
 
-    A spring whose stiffness grows with its load would give back more than went into it where it is loaded while it is strained and unloaded
-    while it is not: a body that rocks would rock on for ever. Where the load falls the displacement stays, and what was stored is lost.
+    Own choice: friction follows the displacement as a spring of the law's first slope, up to what the law mobilises along the path that was
+    gone; sheared in one direction from the start it is the law itself. Where the load grows the force stays, where it falls the displacement
+    does, and what was stored is lost (Elata & Berryman 1996). A spring that is as strong as its load, whichever way that came, makes
+    bodies rock for ever.
+
+    Args:
+        before, now: Friction that the cell could give in the step before, 0 if there was none, and now [N].
+        j_x, j_y: Shear displacement before the step [m].
+        s_x, s_y: Displacement in the step [m].
+        path: Of slip up to the step's end [m].
+        u_x, u_y: Velocity [m/s].
+
+    Returns:
+        Shear displacement that is mobilised as much by the law [m], displacement vector that counts, and the mobilised share of the strength
+        over its length [1/m].
     """
-    if before <= 0.0 or now <= before:
-        return j_x, j_y
     j = math.sqrt(j_x * j_x + j_y * j_y)
-    if j < 1e-9 * K:
-        return j_x * before / now, j_y * before / now
-    kept = -K * math.log1p(-before / now * janosi_displacement(j, K)) / j  # Elata & Berryman 1996
-    return j_x * kept, j_y * kept
+    kept = secant_share(p.K, j, janosi_displacement(j, p.K)) * p.K
+    if now > before > 0.0:
+        kept *= before / now
+    e_x, e_y = kept * j_x + s_x, kept * j_y + s_y
+    length, most = math.sqrt(e_x * e_x + e_y * e_y), p.K * janosi_displacement(min(path, LONGEST_MEMORY * p.K), p.K)
+    if length > most:
+        e_x, e_y, length = e_x * (most / length), e_y * (most / length), most
+    longer = -p.K * math.log1p(-length / p.K) / length if length > 1e-9 * p.K else 1.0
+    m_x, m_y, moved = counted(p.tau_r, e_x, e_y, u_x, u_y)
+    fast = janosi_displacement(path + p.tau_r * math.sqrt(u_x * u_x + u_y * u_y), p.K)
+    share = min(moved / p.K, fast)
+    return e_x * longer, e_y * longer, m_x, m_y, share, secant_share(p.K, moved, share)
 
 
 @kernel
