@@ -1,8 +1,8 @@
 """A closed surface of small flat elements on the soil's cells: meshed wheels, footpads, bellies, rocks.
 
 An element is worked on the cell whose node is nearest to it, and there stands for the nearest of the cell's points along the tool's
-heading (a body's: world x). Those of one point press together, at their mean depth; each bears its plan area's share, along its own
-normal. The area that the elements cover is the cell's coverage.
+heading (a body's: world x), four of a wheel, two of a body, which is cut into larger elements. Those of one point press together, at their
+mean depth; each bears its plan area's share, along its own normal. The area that the elements cover is the cell's coverage.
 
 - Bearing elements face down. Faces steeper than pi/4 + phi/2, those of the rigid wedge below Prandtl's footing, do not press the soil down
   but push it aside: they bear Rankine's passive earth pressure. So do the flanks of fine features, such as grousers; their tips press
@@ -54,6 +54,7 @@ from .columns import (
     OFF,
     PATH,
     PLAN,
+    POINTS_OF_BODIES,
     PRESSURE,
     PUSH_ACROSS,
     PUSH_AHEAD,
@@ -169,6 +170,7 @@ def cloud_contact(
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
     m_x, m_y, push = displace(p, tool, strength.wall_modulus, sums, h_x, h_y, placed, n_placed)
+    points = POINTS_OF_BODIES if is_body else POINTS
     n = 0
     for at in range((i1 - i0 + 1) * n_j):
         start = links[at]
@@ -207,11 +209,11 @@ def cloud_contact(
                 bears = bearing_share(is_body, steep, n_z)
                 wall = 1.0 - bears
                 plan, along, across = -n_z * area * bears, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
-                k = min(max(int((along / cell + 0.5) * POINTS), 0), POINTS - 1)
+                k = min(max(int((along / cell + 0.5) * points), 0), points - 1)
                 if placed[e, KIND] == SURFACE:
                     # Its depth where the point is, on its plane.
                     rise_along, rise_across = -(n_x * h_x + n_y * h_y) / n_z, -(n_x * l_x + n_y * l_y) / n_z
-                    z_k = z + ((_place_of(k) * cell - along) * rise_along - across * rise_across)
+                    z_k = z + ((_place_of(k, points) * cell - along) * rise_along - across * rise_across)
                     cells[n, FIRST + k] += plan * (surface - z_k)
                     cells[n, _PLAN + k] += plan
                     cells[n, SLOPE + k] += plan * rise_along
@@ -219,7 +221,9 @@ def cloud_contact(
                     covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
                 else:
                     depth = surface - z
-                    before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
+                    before = (
+                        sinkage * _before(rows, row, a, b, k, points) if kept else max(floor + slope * _place_of(k, points) * cell, 0.0)
+                    )
                     if depth > before:
                         dense = borne * power(tables[0], per_root, p.n, depth)
                         rise = (n_x * h_x + n_y * h_y) / -n_z
@@ -242,9 +246,9 @@ def cloud_contact(
 
         # Elements around a point press together, as one would: their depths differ by more than soil yields elastically.
         new_floor, n_points, total, stiffness = 0.0, 0, 0.0, 0.0
-        for k in range(POINTS):
+        for k in range(points):
             plan, sigma = cells[n, _PLAN + k], 0.0
-            before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
+            before = sinkage * _before(rows, row, a, b, k, points) if kept else max(floor + slope * _place_of(k, points) * cell, 0.0)
             after = before
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
@@ -271,6 +275,9 @@ def cloud_contact(
                 n += 1
             continue
         new_floor /= n_points
+        if points < POINTS:
+            cells[n, FIRST + 3] = cells[n, FIRST + 2] = cells[n, FIRST + 1]
+            cells[n, FIRST + 1] = cells[n, FIRST]
         on_surface = (0.0, 0.0, stiffness, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         e = start
         while e >= 0:
@@ -280,7 +287,7 @@ def cloud_contact(
                 x, y, z, plan = placed[e, X], placed[e, Y], placed[e, Z], placed[e, PLAN]
                 on_surface = _pressed(on_surface, x, y, z, n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
-        held = rows[row, HELD, a, b] if is_body and kept else 0.0
+        held = rows[row, HELD, a, b] * covered if is_body and kept else 0.0
         j_x, j_y, path, share, u_x, u_y, grip = _bear(
             p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, path, held, tool.time, sums
         )
@@ -290,7 +297,7 @@ def cloud_contact(
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
-        cells[n, J_X], cells[n, J_Y], cells[n, PATH], cells[n, FRICTION] = j_x, j_y, path, grip
+        cells[n, J_X], cells[n, J_Y], cells[n, PATH], cells[n, FRICTION] = j_x, j_y, path, grip / covered
         sums[PRESSURE] += whole(total)
         sums[PUSH_SPEED] += whole(total * (u_x * t_x + u_y * t_y))
         sums[PUSH_AHEAD] += whole(total * max(ahead, 0.0))
@@ -321,9 +328,16 @@ def _escape(strength, rise, left):
 
 
 @kernel(inline=True)
-def _place_of(k):
-    """Distance of a cell's point from its node along the heading, in cells."""
-    return (k + 0.5) / POINTS - 0.5
+def _place_of(k, points):
+    """Distance of a cell's point, one of so many, from its node along the heading, in cells."""
+    return (k + 0.5) / points - 0.5
+
+
+@kernel(inline=True)
+def _before(rows, row, a, b, k, points):
+    """Share of a cell's sinkage at its point."""
+    first, last = POINT + k * (POINTS // points), POINT + (k + 1) * (POINTS // points) - 1
+    return 0.5 * (rows[row, first, a, b] + rows[row, last, a, b])
 
 
 @kernel(inline=True)
@@ -345,8 +359,8 @@ def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, path,
         held: Friction that the cell could give before [N]; 0 if none is to be compared with.
 
     Returns:
-        Shear displacement and path of slip [m], mobilised share of the strength, mean velocity against the soil over the time h [m/s], turned into the
-        horizontal plane, and the friction that the cell can give [N].
+        Shear displacement and path of slip [m], mobilised share of the strength, mean velocity against the soil over the time h [m/s],
+        turned into the horizontal plane, and the friction that the cell can give [N].
     """
     area, total, stiffness, q_x, q_y, q_z, p_x, p_y, t_x, t_y, t_z = pressed
     l_x, l_y = -h_y, h_x

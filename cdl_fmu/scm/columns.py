@@ -9,8 +9,10 @@ from .tiles import POINTS
 #: Columns of a tool's list of pressed cells.
 ROW, A, B, FLOOR, MEAN, J_X, J_Y, PATH, ALONG, ACROSS, FLUX_X, FLUX_Y, FIRST = range(13)
 SLOPE = FIRST + POINTS  # while a cell of a meshed tool is looked at
-FRICTION = SLOPE + POINTS  # that the cell can give a body [N]
+FRICTION = SLOPE + POINTS  # that the cell can give a body, per area [Pa]
 COLUMNS = FRICTION + 1
+#: Points of a cell below a body: a wheel's are four, with elements half as long.
+POINTS_OF_BODIES = 2
 #: FLOOR of a cell that is not pressed, but covered so closely that no soil slides in: off the tool, or bare of grains that it dragged off.
 OFF, BARE = -1.0, -2.0
 #: Sums of a tool: force and torque about its centre in its own level axes (along, across, up), stiffness and damping, extent, cells,

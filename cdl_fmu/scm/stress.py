@@ -99,9 +99,9 @@ def sheared(p, before, now, j_x, j_y, s_x, s_y, path, u_x, u_y):
     """Shear of a cell below a body, that gives back no more energy than went into it.
 
     Own choice: friction follows the displacement as a spring of the law's first slope, up to what the law mobilises along the path that was
-    gone; sheared in one direction from the start it is the law itself. Where the load grows the force stays, where it falls the displacement
-    does, and what was stored is lost (Elata & Berryman 1996). A spring that is as strong as its load, whichever way that came, makes
-    bodies rock for ever.
+    gone; sheared in one direction from the start it is the law itself. Where the load grows the force stays, where it falls the
+    displacement does, and what was stored is lost (Elata & Berryman 1996). A spring that is as strong as its load, whichever way that came,
+    makes bodies rock for ever.
 
     Args:
         before, now: Friction that the cell could give in the step before, 0 if there was none, and now [N].
@@ -111,8 +111,8 @@ def sheared(p, before, now, j_x, j_y, s_x, s_y, path, u_x, u_y):
         u_x, u_y: Velocity [m/s].
 
     Returns:
-        Shear displacement that is mobilised as much by the law [m], displacement vector that counts, and the mobilised share of the strength
-        over its length [1/m].
+        Shear displacement by which the law mobilises as much [m], displacement vector that counts [m], the mobilised share of the strength,
+        and that share over the vector's length [1/m].
     """
     j = math.sqrt(j_x * j_x + j_y * j_y)
     kept = secant_share(p.K, j, janosi_displacement(j, p.K)) * p.K
