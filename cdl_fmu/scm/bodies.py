@@ -7,7 +7,7 @@ import math
 from ..contact import PATIENCE, has_pose
 from ..slave.kernel import kernel
 from .cloud import cloud_contact
-from .columns import CELLS, DEPTH, F_X, HALF, MIDDLE, ROW, T_X, WIDTH, A, B
+from .columns import CELLS, DEPTH, HALF, MIDDLE, ROW, WIDTH, A, B
 from .flow import heave_around, transport
 from .grousers import dragged_layer
 from .stress import pressure_modulus
@@ -159,19 +159,6 @@ def body_contact(p, x, body, is_body, shape, elements, range_, rows, ground, fra
         cells,
         sums,
     )
-
-
-@kernel
-def answer_body(body, memory, sums, wrench):
-    """Wrench from the sums of a body; False if it has no pose, whose steps are counted."""
-    for k in range(3):
-        wrench.f_0[k] = sums[F_X + k] if sums[CELLS] >= 0.0 else 0.0
-        wrench.t_0[k] = sums[T_X + k] if sums[CELLS] >= 0.0 else 0.0
-    if has_pose(body):
-        memory.silent, memory.laid = 0.0, 1.0
-        return True
-    memory.silent += 1.0
-    return False
 
 
 @kernel

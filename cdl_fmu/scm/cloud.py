@@ -21,6 +21,7 @@ from ..slave.kernel import kernel
 from ..strength import CRITICAL_STATE, angle, escape, left_by_push, log_of_push, softened, strength_of, yield_pressure
 from ..terramechanics import flow_value
 from ..unloading import pressure, unloading_of, unloading_stiffness
+from .bearing import NOTHING, TOTAL, add, bear, pressed_with
 from .columns import (
     ACROSS,
     ALONG,
@@ -30,12 +31,8 @@ from .columns import (
     AT,
     BARE,
     CELLS,
-    D_Z,
     DEEPEST,
     DEPTH,
-    F_X,
-    F_Y,
-    F_Z,
     FIRST,
     FLOOR,
     FLUX_X,
@@ -45,7 +42,6 @@ from .columns import (
     J_Y,
     K_X,
     K_Y,
-    K_Z,
     KIND,
     MEAN,
     N_X,
@@ -65,9 +61,6 @@ from .columns import (
     SIDE_ACROSS,
     SIDE_ALONG,
     SLOPE,
-    T_X,
-    T_Y,
-    T_Z,
     A,
     B,
     X,
@@ -78,11 +71,11 @@ from .columns import (
 from .density import bearing_gain, density_of, friction
 from .elements import LAYER, LEAST_COVER, bearing_share, lowest_bearing, place_elements, wall_share
 from .erosion import repose_of
-from .faces import displace, passive, velocity
+from .faces import displace, passive
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import mobilised, nodes_per_root, power, remembered, sheared, whole
-from .support import clear_support, resist_aside, resist_cell
+from .stress import nodes_per_root, power, whole
+from .support import clear_support, resist_aside
 from .tiles import (
     BASE,
     COMPACTED,
@@ -102,9 +95,6 @@ from .tiles import (
 )
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
-#: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
-_NOTHING = (0.0,) * 11
-_TOTAL = 1
 #: While a cell is looked at, columns of its row hold the plan area [m2], then the pressure [Pa], of each of its points.
 _PLAN = _SIGMA = J_X
 
@@ -153,7 +143,9 @@ def cloud_contact(
     i0, i1, j0, j1 = window
     n_j, next_ = j1 - j0 + 1, links.shape[0] - placed.shape[0]
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
-    n_placed = place_elements(p, tool, is_body, steep, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
+    n_placed = place_elements(
+        p, tool, is_body, steep, h_x, h_y, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links
+    )
     if n_placed == 0:
         sums[SIDE_ALONG] = sums[SIDE_ACROSS] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
         return
@@ -198,18 +190,19 @@ def cloud_contact(
         for k in range(POINTS):
             cells[n, FIRST + k] = cells[n, _PLAN + k] = cells[n, SLOPE + k] = 0.0
 
-        on_tips, covered, off_x, off_y = _NOTHING, 0.0, 0.0, 0.0
+        on_tips, covered, off_x, off_y = NOTHING, 0.0, 0.0, 0.0
         steep_plan, lowest_steep = 0.0, 1e300
         e = start
         while e >= 0:
             x, y, z = placed[e, X], placed[e, Y], placed[e, Z]
             n_x, n_y, n_z, area = placed[e, N_X], placed[e, N_Y], placed[e, N_Z], placed[e, AREA]
-            placed[e, AT], wall = -1.0, 0.0
+            place, wall = placed[e, AT] / cell, 0.0
+            placed[e, AT] = -1.0
             if n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + LAYER * cell:
                 bears = bearing_share(is_body, steep, n_z)
                 wall = 1.0 - bears
                 plan, along, across = -n_z * area * bears, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
-                k = min(max(int((along / cell + 0.5) * points), 0), points - 1)
+                k = min(max(int((place + 0.5) * points), 0), points - 1)
                 if placed[e, KIND] == SURFACE:
                     # Its depth where the point is, on its plane.
                     rise_along, rise_across = -(n_x * h_x + n_y * h_y) / n_z, -(n_x * l_x + n_y * l_y) / n_z
@@ -229,7 +222,7 @@ def cloud_contact(
                         rise = (n_x * h_x + n_y * h_y) / -n_z
                         plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, left))
                         sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
-                        on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
+                        on_tips = pressed_with(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
                 wall = wall_share(is_body, steep, n_z)
                 if n_z < 0.0:
@@ -237,7 +230,7 @@ def cloud_contact(
             share = (m_x * n_x + m_y * n_y) * push
             if wall > 0.0 and share > 0.0:
                 f = wall * area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner)
-                _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
+                add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
                 sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
                 sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
                 if is_body:
@@ -263,8 +256,8 @@ def cloud_contact(
                 new_floor, n_points = new_floor + after, n_points + 1
             cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
 
-        if on_tips[_TOTAL] > 0.0:
-            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, path, 0.0, 0.0, sums)
+        if on_tips[TOTAL] > 0.0:
+            bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, path, 0.0, 0.0, sums)
         if total <= 0.0:
             if is_body and covered == 0.0 and steep_plan >= LEAST_COVER * cell * cell:
                 covered, lowest = steep_plan, lowest_steep  # soil that was laid around it does not slide into its place
@@ -285,10 +278,10 @@ def cloud_contact(
             if k >= 0 and cells[n, _SIGMA + k] > 0.0:
                 n_x, n_y, n_z = placed[e, N_X], placed[e, N_Y], placed[e, N_Z]
                 x, y, z, plan = placed[e, X], placed[e, Y], placed[e, Z], placed[e, PLAN]
-                on_surface = _pressed(on_surface, x, y, z, n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
+                on_surface = pressed_with(on_surface, x, y, z, n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
         held = rows[row, HELD, a, b] * covered if is_body and kept else 0.0
-        j_x, j_y, path, share, u_x, u_y, grip = _bear(
+        j_x, j_y, path, share, u_x, u_y, grip = bear(
             p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, path, held, tool.time, sums
         )
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
@@ -311,16 +304,6 @@ def cloud_contact(
 
 
 @kernel(inline=True)
-def _pressed(pressed, x, y, z, n_x, n_y, n_z, plan, sigma, rise):
-    """What presses on a cell, and another element with its pressure [Pa] and the slope of that [Pa/m]."""
-    f, g_x, g_y = plan * sigma, n_x / n_z, n_y / n_z
-    area, total, stiffness, q_x, q_y, q_z, f_x, f_y, t_x, t_y, t_z = pressed
-    t_x, t_y, t_z = t_x + f * (y - z * g_y), t_y + f * (z * g_x - x), t_z + f * (x * g_y - y * g_x)
-    q_x, q_y, q_z = q_x + f * x, q_y + f * y, q_z + f * z
-    return area + plan, total + f, stiffness + plan * rise, q_x, q_y, q_z, f_x + f * g_x, f_y + f * g_y, t_x, t_y, t_z
-
-
-@kernel(inline=True)
 def _escape(strength, rise, left):
     """``escape`` of a surface that rises by ``rise`` [1] ahead."""
     cos = 1.0 / math.sqrt(1.0 + rise * rise)
@@ -338,75 +321,3 @@ def _before(rows, row, a, b, k, points):
     """Share of a cell's sinkage at its point."""
     first, last = POINT + k * (POINTS // points), POINT + (k + 1) * (POINTS // points) - 1
     return 0.5 * (rows[row, first, a, b] + rows[row, last, a, b])
-
-
-@kernel(inline=True)
-def _turned(u_x, u_y, u_z, n_x, n_y, n_z):
-    """Velocity along a surface of this normal [m/s], turned with it into the horizontal plane, as displacements are kept."""
-    normal = n_x * u_x + n_y * u_y + n_z * u_z
-    u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
-    return u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
-
-
-@kernel
-def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, path, held, h, sums):
-    """Add the forces of a cell: its pressures, and shear on its mean surface.
-
-    Args:
-        pressed: What presses on it.
-        j_x, j_y: Shear displacement before the step [m].
-        path: Of slip on the cell before the step [m].
-        held: Friction that the cell could give before [N]; 0 if none is to be compared with.
-
-    Returns:
-        Shear displacement and path of slip [m], mobilised share of the strength, mean velocity against the soil over the time h [m/s],
-        turned into the horizontal plane, and the friction that the cell can give [N].
-    """
-    area, total, stiffness, q_x, q_y, q_z, p_x, p_y, t_x, t_y, t_z = pressed
-    l_x, l_y = -h_y, h_x
-    # The mean surface: where its pressure acts, and the inward normal along which it does.
-    x, y, z = q_x / total, q_y / total, q_z / total
-    length = math.sqrt(p_x * p_x + p_y * p_y + total * total)
-    n_x, n_y, n_z = p_x / length, p_y / length, total / length
-    u_x, u_y, u_z = velocity(tool.v_0, tool.w_0, x, y, z)
-    normal = n_x * u_x + n_y * u_y + n_z * u_z
-    u_x, u_y = _turned(u_x, u_y, u_z, n_x, n_y, n_z)
-    s_x, s_y, s_z = velocity(tool.mean_v, tool.mean_w, x, y, z)
-    s_x, s_y = _turned(s_x, s_y, s_z, n_x, n_y, n_z)
-    grip = (p.c * area + total * tan_phi) / n_z
-    path += h * math.hypot(s_x, s_y)
-    if is_body:
-        damping = max(0.0, 1.0 - p.c_d * normal)
-        j_x, j_y, m_x, m_y, share, secant = sheared(p, held, grip, j_x, j_y, h * s_x, h * s_y, path, u_x, u_y)
-    else:
-        j_x, j_y = remembered(p.K, j_x + h * s_x, j_y + h * s_y)
-        m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
-    drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
-    f_x, f_y = -drag * m_x, -drag * m_y
-    f_z = -(n_x * f_x + n_y * f_y)
-    _add(sums, h_x, h_y, x, y, z, f_x + n_x * f_z / (1.0 + n_z), f_y + n_y * f_z / (1.0 + n_z), f_z)
-    sums[F_X] += whole(damping * (p_x * h_x + p_y * h_y))
-    sums[F_Y] += whole(damping * (p_x * l_x + p_y * l_y))
-    sums[F_Z] += whole(damping * total)
-    sums[T_X] += whole(damping * (t_x * h_x + t_y * h_y))
-    sums[T_Y] += whole(damping * (t_x * l_x + t_y * l_y))
-    sums[T_Z] += whole(damping * t_z)
-    sums[K_X] += whole(drag)
-    sums[K_Y] += whole(drag)
-    sums[K_Z] += whole(stiffness * damping)
-    sums[D_Z] += whole(p.c_d * total)
-    if is_body:
-        resist_cell(sums, stiffness * damping, drag, p.c_d * total * n_z, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
-    return j_x, j_y, path, share, s_x, s_y, grip
-
-
-@kernel(inline=True)
-def _add(sums, h_x, h_y, x, y, z, f_x, f_y, f_z):
-    """Add a force [N] at a point [m] relative to the tool's origin, both in world axes."""
-    t_x, t_y = y * f_z - z * f_y, z * f_x - x * f_z
-    sums[F_X] += whole(f_x * h_x + f_y * h_y)
-    sums[F_Y] += whole(f_y * h_x - f_x * h_y)
-    sums[F_Z] += whole(f_z)
-    sums[T_X] += whole(t_x * h_x + t_y * h_y)
-    sums[T_Y] += whole(t_y * h_x - t_x * h_y)
-    sums[T_Z] += whole(x * f_y - y * f_x)

@@ -31,8 +31,8 @@ SUMS = 89
 
 #: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.
 ELEMENT = 8
-#: Columns of those that are near the soil: centroid relative to the tool's origin and normal in world axes, area, kind, and the
-#: point of the cell that they stand for and the plan area with which they press there, if they bear.
+#: Columns of those that are near the soil: centroid relative to the tool's origin and normal in world axes, area, kind, where they are
+#: along the tool's heading in their cell, then which of its points they stand for, and the plan area with which they press, if they bear.
 X, Y, Z, N_X, N_Y, N_Z, AREA, KIND, AT, PLAN = range(10)
 PLACED = 10
 #: Shape of a tool: middle and half sides of the box around its mesh [m], in the frame of the body, its width b in Bekker's sense [m], and

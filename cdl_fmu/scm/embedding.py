@@ -75,7 +75,7 @@ def _embed(p, body, shape, modulus, elements, range_, stamp, rows, marks, ground
     i0, i1, j0, j1 = window_around(p, body, shape)
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
     is_body = i1 >= i0  # a literal would be another type, for which all is compiled again
-    place_elements(p, body, is_body, steep, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
+    place_elements(p, body, is_body, steep, 1.0, 0.0, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             start = links[(i - i0) * (j1 - j0 + 1) + j - j0]

@@ -165,6 +165,7 @@ class SCM(KernelModel):
             soil=Real(0.0, "m", "What tells the soil that it was worked out on from other soil"),
             farthest=Real(0.0, "m", "Motion of its surface from then on over which its force hardly changes"),
             held=held,  # what was found then, if in_contact
+            seat=Record(r_0=Real(0.0, "m", "Position by which it is seated", (3,)), T=Real(0.0, "1", "Rotation", (3, 3))),
         )
         self.state = Record(
             stamp=Real(0.0, "1", "Number of the step"),

@@ -17,9 +17,16 @@ from .flow import OUTFLOWS
 from .meshes import Meshes
 from .tiles import BASE, FIELDS, FILL, HEAD, LONGEST_QUEUE, MARKS, SINKAGE, TILE, TILE_I, TILE_J
 
-#: Pose and twist of a tool with a mesh; mean velocities [m/s], [rad/s] since its contact was worked out last, and the time since [s].
-_MEANS = Record(mean_v=Real(0.0, "m/s", "", (3,)), mean_w=Real(0.0, "rad/s", "", (3,)), time=Real(0.0, "s", ""))
-_POSE = (body_pose(1).fields["body"].record | _MEANS).dtype
+#: Pose and twist of a tool with a mesh; mean velocities [m/s], [rad/s] since its contact was worked out last, and the time since [s]; the
+#: pose by which its elements are taken to be on cells.
+_MORE = Record(
+    mean_v=Real(0.0, "m/s", "", (3,)),
+    mean_w=Real(0.0, "rad/s", "", (3,)),
+    time=Real(0.0, "s", ""),
+    seat_0=Real(0.0, "m", "", (3,)),
+    seat_T=Real(0.0, "1", "", (3, 3)),
+)
+_POSE = (body_pose(1).fields["body"].record | _MORE).dtype
 
 
 class SoilPool(RowPool):

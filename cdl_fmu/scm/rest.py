@@ -4,6 +4,9 @@ Own choice: the contact of a body that is nearly at rest is worked out anew when
 its force changed by ``SHARE``, when the soil at it has changed, or another tool is at it, and after ``MOST_STEPS`` steps at latest. In
 between its wrench is continued along the interface Jacobian that was sent with it, so it stays a restoring force that dissipates. How far
 the body moved in that time counts as shear displacement in the step that works the contact out again, so none is lost.
+
+Own choice: a body is seated on the soil's cells. Which of its elements are on which cells changes with every ``SEAT`` that it moves and not
+in between, as force jumps a little where an element goes from one cell to the next, on which a body could rock for ever.
 """
 
 from __future__ import annotations
@@ -11,21 +14,68 @@ from __future__ import annotations
 import math
 
 from ..contact import anchor_here, has_pose
-from ..frames import cross
+from ..frames import cross, is_rotation
 from ..slave.kernel import kernel
 from .bodies import box_around
-from .columns import ALONE, CELLS, HALF, MIDDLE, SOIL, STILL
+from .columns import ALONE, CELLS, F_X, HALF, MIDDLE, SOIL, STILL, T_X
+from .support import answer_support
 from .tiles import BASE, FILL, SINKAGE, STAMP, in_tile, nearest, row_of
-from .tools import extents
+from .tools import extents, remember
 
 #: Motion [m] and speed [m/s] of a body's surface, and number of steps, up to which its wrench is continued.
 FARTHEST, FASTEST, MOST_STEPS = 2e-6, 1e-3, 100
 #: Share of a body's force by which that may change meanwhile, by the stiffness that was sent: what it may jump by in the end is less.
 SHARE = 1e-4
+#: Motion of a body's surface after which it is seated anew, in cells.
+SEAT = 0.02
 #: Change of the soil, summed over cells, that is none [m]: the last grains of a landslide come to rest slowly.
 LEAST_CHANGE = 1e-5
 #: Cells around a body's box whose soil its contact reads, and by which other tools have to be farther away.
 _AROUND, _APART = 3, 6
+
+
+@kernel
+def take_seats(p, u, memory, *arrays):
+    """Seat each body where it was, unless it has moved too far since."""
+    shapes, poses = arrays[7], arrays[18]
+    for i in range(len(u.body)):
+        k = len(u.wheel) + i
+        body, seat = poses[k], memory.body[i].seat
+        if is_rotation(seat.T) and has_pose(body) and _distance(body, seat, shapes[k]) <= SEAT * p.cell:
+            for d in range(3):
+                body.seat_0[d] = seat.r_0[d]
+                for e in range(3):
+                    body.seat_T[d, e] = seat.T[d, e]
+
+
+@kernel
+def stand_up(seat):
+    """No seat."""
+    for d in range(3):
+        for e in range(3):
+            seat.T[d, e] = 0.0
+
+
+@kernel
+def answer_body(p, h, body, known, sums, wrench, support):
+    """Wrench and interface Jacobian of a body, and what is known of it; False if it has no pose, whose steps are counted."""
+    if sums[STILL] > 0.0:
+        _answer_still(h, body, known, wrench, support)
+        return True
+    remember(sums, known)
+    for d in range(3):
+        wrench.f_0[d] = sums[F_X + d] if sums[CELLS] >= 0.0 else 0.0
+        wrench.t_0[d] = sums[T_X + d] if sums[CELLS] >= 0.0 else 0.0
+        known.seat.r_0[d] = body.seat_0[d]
+        for e in range(3):
+            known.seat.T[d, e] = body.seat_T[d, e]
+    answer_support(p, body, sums, support)
+    _hold(body, sums, wrench, support, known)
+    if not has_pose(body):
+        known.silent += 1.0
+        return False
+    known.silent, known.laid = 0.0, 1.0
+    return True
 
 
 @kernel
@@ -47,15 +97,20 @@ def find_still(p, h, u, memory, *arrays):
             continue
         d_x, d_y, d_z = _moved(body, known.held.anchor)
         r_x, r_y, r_z = _turned(body, known.held.anchor)
-        if sums[k, ALONE] > 0.0 and abs(sums[k, SOIL] - known.soil) <= LEAST_CHANGE and known.steps < MOST_STEPS:
-            distance = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z) + reach * math.sqrt(r_x * r_x + r_y * r_y + r_z * r_z)
-            if distance <= min(FARTHEST, known.farthest):
-                sums[k, STILL] = 1.0
+        is_same = sums[k, ALONE] > 0.0 and abs(sums[k, SOIL] - known.soil) <= LEAST_CHANGE
+        if is_same and known.steps < MOST_STEPS and _distance(body, known.held.anchor, shapes[k]) <= min(FARTHEST, known.farthest):
+            sums[k, STILL] = 1.0
         if sums[k, STILL] == 0.0 and known.steps > 0.0:
             body.time = known.since + h
             rate = 1.0 / body.time
             body.mean_v[0], body.mean_v[1], body.mean_v[2] = d_x * rate, d_y * rate, d_z * rate
             body.mean_w[0], body.mean_w[1], body.mean_w[2] = r_x * rate, r_y * rate, r_z * rate
+
+
+@kernel
+def _distance(body, before, shape):
+    """How far a body's surface has moved since a pose [m], at most."""
+    return _length(_moved(body, before)) + _reach(shape) * _length(_turned(body, before))
 
 
 @kernel
@@ -136,7 +191,7 @@ def _fingerprint(p, body, shape, rows, grid, corner):
 
 
 @kernel
-def hold(body, sums, wrench, support, known):
+def _hold(body, sums, wrench, support, known):
     """Keep what was found of a body's contact, for as long as it is still; nothing if it may not be."""
     held = known.held
     known.steps = known.since = 0.0
@@ -152,7 +207,7 @@ def hold(body, sums, wrench, support, known):
 
 
 @kernel
-def answer_still(h, body, known, wrench, support):
+def _answer_still(h, body, known, wrench, support):
     """Wrench and interface Jacobian of a body that is still."""
     held = known.held
     known.steps, known.since = known.steps + 1.0, known.since + h

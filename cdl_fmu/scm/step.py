@@ -20,7 +20,6 @@ from ..strength import tabulate_pushes
 from .bodies import (
     BODY_NO_DATA,
     BODY_THROUGH,
-    answer_body,
     approach_with_mesh,
     body_contact,
     box_around,
@@ -34,9 +33,8 @@ from .embedding import lay_around, take_back
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
-from .rest import answer_still, find_still, hold, stay
+from .rest import answer_body, find_still, stand_up, stay, take_seats
 from .stress import deepest_of_table, pressure_modulus, tabulate
-from .support import answer_support
 from .tiles import SLIDING, base_height_at
 from .tools import answer, approach, diagnose, forget, patch_inside, place, rearrange, recall, remember, wheel_inside
 from .wheel import wheel_contact
@@ -92,6 +90,7 @@ def initialise(t, P, X, wheels, bodies, wrenches, contacts, diagnostics, patches
     for i in range(len(bodies)):
         _start(bodies[i])
         bodies[i].laid = bodies[i].steps = bodies[i].since = bodies[i].held.in_contact = 0.0
+        stand_up(bodies[i].seat)
 
 
 @kernel
@@ -247,14 +246,8 @@ def answer_all(p, h, u, memory, y, *arrays):
             status = NO_DATA + STATUS_SPAN * i
     for i in range(len(u.body)):
         k = len(u.wheel) + i
-        if sums[k, STILL] > 0.0:
-            answer_still(h, poses[k], memory.body[i], y.body[i], y.support[i])
-            continue
-        remember(sums[k], memory.body[i])
-        if not answer_body(poses[k], memory.body[i], sums[k], y.body[i]):
+        if not answer_body(p, h, poses[k], memory.body[i], sums[k], y.body[i], y.support[i]):
             status = BODY_NO_DATA + STATUS_SPAN * i
-        answer_support(p, poses[k], sums[k], y.support[i])
-        hold(poses[k], sums[k], y.body[i], y.support[i], memory.body[i])
     return status
 
 
@@ -350,6 +343,7 @@ def step_kernels(compaction: bool):
         if not make_all_ready(p, u, *arrays):
             return FULL
         x.stamp += 1.0
+        take_seats(p, u, memory, *arrays)
         lay_around(p, u, memory, x, *arrays)
         find_still(p, h, u, memory, *arrays)
         for k in range(len(sums)):
@@ -382,6 +376,7 @@ def step_kernels(compaction: bool):
         if not make_all_ready(p, u, *arrays):
             return FULL
         x.stamp += 1.0
+        take_seats(p, u, memory, *arrays)
         lay_around(p, u, memory, x, *arrays)
         find_still(p, h, u, memory, *arrays)
         for k in numba.prange(len(sums)):  # unsigned there

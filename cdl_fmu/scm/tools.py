@@ -63,8 +63,9 @@ def place(tool, h, pose):
     for i in range(3):
         pose.r_0[i], pose.v_0[i], pose.w_0[i] = tool.r_0[i], tool.v_0[i], tool.w_0[i]
         pose.mean_v[i], pose.mean_w[i] = tool.v_0[i], tool.w_0[i]
+        pose.seat_0[i] = tool.r_0[i]
         for j in range(3):
-            pose.T[i, j] = tool.T[i, j]
+            pose.T[i, j] = pose.seat_T[i, j] = tool.T[i, j]
 
 
 @kernel
