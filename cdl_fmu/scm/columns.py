@@ -25,8 +25,8 @@ PRESSURE, PUSH_SPEED, PUSH_AHEAD, PUSH_ACROSS, SIDE_ALONG, SIDE_ACROSS, PUSHED_X
 #: [N.s/m, N.s, N.m.s], each a symmetric matrix of translation and rotation about its origin in world axes, of which the lower triangle is
 #: kept row by row.
 INTO, ALONG_SOIL, DAMPING = 23, 44, 65
-#: Whether it is still, and alone in its place; what tells the soil there from other soil (see ``rest``).
-STILL, ALONE, SOIL = 86, 87, 88
+#: Whether it is still, or slow enough to be; what tells the soil at it from other soil (see ``rest``).
+STILL, SLOW, SOIL = 86, 87, 88
 SUMS = 89
 
 #: Columns of the elements of a mesh, in the frame of the body: centroid [m], outward normal [1], area [m2], kind.

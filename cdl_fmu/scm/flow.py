@@ -41,6 +41,7 @@ from .tiles import (
     COMPACTED,
     FILL,
     HELD,
+    OWNER,
     POINT,
     POINTS,
     RATIO,
@@ -67,8 +68,11 @@ DISPLACED = MEAN
 
 
 @kernel
-def press(p, sums, cells, stamp, rows, marks):
+def press(p, number, sums, cells, stamp, rows, marks):
     """Press the footprint of a tool into the soil, and leave what each cell displaces in DISPLACED of the list of cells.
+
+    Args:
+        number: Of the tool, from 0.
 
     Returns:
         Compacted volume, as height on one cell [m].
@@ -77,6 +81,7 @@ def press(p, sums, cells, stamp, rows, marks):
     for n in range(int(sums[CELLS])):
         row, a, b = int(cells[n, ROW]), int(cells[n, A]), int(cells[n, B])
         marks[row, 0] = 1
+        rows[row, OWNER, a, b] = number + 1.0
         if cells[n, FLOOR] < 0.0:
             # Soil that lost a few grains to the tool that drags them along is still sheared by it.
             if cells[n, FLOOR] == OFF or rows[row, STAMP, a, b] != stamp - 1.0:

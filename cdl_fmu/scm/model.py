@@ -95,7 +95,7 @@ class SCM(KernelModel):
             map_min=Real(-1e6, "m", "Least x and y of the map", (2,), -1e6, 1e6),
             map_max=Real(1e6, "m", "Largest x and y of the map", (2,), -1e6, 1e6),
             threads=Real(1.0, "1", "Threads that work on tools and landslides at once; no result depends on it", min=1.0, max=256.0),
-            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (26 kB each) that may be touched", min=1.0, max=1e8),
+            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (31 kB each) that may be touched", min=1.0, max=1e8),
         )
     )
     events = WHEEL_EVENTS | {

@@ -1,9 +1,9 @@
 """Bodies at rest: most rocks of a scene do not move, and soil that nothing moves on answers as it did.
 
 Own choice: the contact of a body that is nearly at rest is worked out anew when its surface has moved by ``FARTHEST`` since it was last, or
-its force changed by ``SHARE``, when the soil at it has changed, or another tool is at it, and after ``MOST_STEPS`` steps at latest. In
-between its wrench is continued along the interface Jacobian that was sent with it, so it stays a restoring force that dissipates. How far
-the body moved in that time counts as shear displacement in the step that works the contact out again, so none is lost.
+its force changed by ``SHARE``, when the soil at it has changed, and after ``MOST_STEPS`` steps at latest. In between its wrench is
+continued along the interface Jacobian that was sent with it, so it stays a restoring force that dissipates. How far the body moved in that
+time counts as shear displacement in the step that works the contact out again, so none is lost.
 
 Own choice: a body is seated on the soil's cells. Which of its elements are on which cells changes with every ``SEAT`` that it moves and not
 in between, as force jumps a little where an element goes from one cell to the next, on which a body could rock for ever.
@@ -17,21 +17,21 @@ from ..contact import anchor_here, has_pose
 from ..frames import cross, is_rotation
 from ..slave.kernel import kernel
 from .bodies import box_around
-from .columns import ALONE, CELLS, F_X, HALF, MIDDLE, SOIL, STILL, T_X
+from .columns import CELLS, F_X, HALF, MIDDLE, SLOW, SOIL, STILL, T_X
 from .support import answer_support
-from .tiles import BASE, FILL, SINKAGE, STAMP, in_tile, nearest, row_of
-from .tools import extents, remember
+from .tiles import BASE, FILL, OWNER, SINKAGE, STAMP, in_tile, nearest, row_of
+from .tools import remember
 
 #: Motion [m] and speed [m/s] of a body's surface, and number of steps, up to which its wrench is continued.
 FARTHEST, FASTEST, MOST_STEPS = 2e-6, 1e-3, 100
 #: Share of a body's force by which that may change meanwhile, by the stiffness that was sent: what it may jump by in the end is less.
-SHARE = 1e-4
+SHARE = 2e-4
 #: Motion of a body's surface after which it is seated anew, in cells.
 SEAT = 0.02
 #: Change of the soil, summed over cells, that is none [m]: the last grains of a landslide come to rest slowly.
 LEAST_CHANGE = 1e-5
-#: Cells around a body's box whose soil its contact reads, and by which other tools have to be farther away.
-_AROUND, _APART = 3, 6
+#: Cells around a body's box whose soil its contact reads.
+_AROUND = 3
 
 
 @kernel
@@ -85,19 +85,18 @@ def find_still(p, h, u, memory, *arrays):
     n_wheels = len(u.wheel)
     for i in range(len(u.body)):
         k = n_wheels + i
-        sums[k, STILL] = sums[k, ALONE] = 0.0
+        sums[k, STILL] = sums[k, SLOW] = 0.0
         body, known = poses[k], memory.body[i]
         if sums[k, CELLS] < 0.0 or not has_pose(body):
             continue
-        reach = _reach(shapes[k])
-        if _length(body.v_0) + reach * _length(body.w_0) <= FASTEST and _is_alone(p, k, u, *arrays):
-            sums[k, ALONE] = 1.0
+        if _length(body.v_0) + _reach(shapes[k]) * _length(body.w_0) <= FASTEST:
+            sums[k, SLOW] = 1.0
             sums[k, SOIL] = _fingerprint(p, body, shapes[k], rows, grid[k], corner[k])
         if known.held.in_contact == 0.0:
             continue
         d_x, d_y, d_z = _moved(body, known.held.anchor)
         r_x, r_y, r_z = _turned(body, known.held.anchor)
-        is_same = sums[k, ALONE] > 0.0 and abs(sums[k, SOIL] - known.soil) <= LEAST_CHANGE
+        is_same = sums[k, SLOW] > 0.0 and abs(sums[k, SOIL] - known.soil) <= LEAST_CHANGE
         if is_same and known.steps < MOST_STEPS and _distance(body, known.held.anchor, shapes[k]) <= min(FARTHEST, known.farthest):
             sums[k, STILL] = 1.0
         if sums[k, STILL] == 0.0 and known.steps > 0.0:
@@ -145,26 +144,6 @@ def _turned(body, anchor):
 
 
 @kernel
-def _is_alone(p, k, u, *arrays):
-    """Whether no other tool that is near the ground is near tool k."""
-    ranges, shapes, sums, poses = arrays[6], arrays[7], arrays[11], arrays[18]
-    own = box_around(poses[k], shapes[k])
-    apart = _APART * p.cell
-    for m in range(len(sums)):
-        if m == k or sums[m, CELLS] < 0.0:
-            continue
-        if ranges[m, 1] > ranges[m, 0]:
-            low_x, high_x, low_y, high_y, _ = box_around(poses[m], shapes[m])
-        else:
-            s_x, s_y = extents(p, u.wheel[m])
-            r_0 = u.wheel[m].r_0
-            low_x, high_x, low_y, high_y = r_0[0] - s_x, r_0[0] + s_x, r_0[1] - s_y, r_0[1] + s_y
-        if low_x < own[1] + apart and high_x > own[0] - apart and low_y < own[3] + apart and high_y > own[2] - apart:
-            return False
-    return True
-
-
-@kernel
 def _window(p, body, shape):
     """Cells [i0, i1] x [j0, j1] whose soil a body's contact reads."""
     low_x, high_x, low_y, high_y, _ = box_around(body, shape)
@@ -195,7 +174,7 @@ def _hold(body, sums, wrench, support, known):
     """Keep what was found of a body's contact, for as long as it is still; nothing if it may not be."""
     held = known.held
     known.steps = known.since = 0.0
-    held.in_contact = support.in_contact if sums[ALONE] > 0.0 else 0.0
+    held.in_contact = support.in_contact if sums[SLOW] > 0.0 else 0.0
     if held.in_contact == 0.0:
         return
     known.soil = sums[SOIL]
@@ -230,12 +209,12 @@ def _answer_still(h, body, known, wrench, support):
 
 
 @kernel
-def stay(p, body, shape, stamp, rows, marks, grid, corner):
-    """A still body goes on to be on its cells."""
+def stay(p, k, body, shape, stamp, rows, marks, grid, corner):
+    """Tool k, a still body, goes on to be on its cells."""
     i0, i1, j0, j1 = _window(p, body, shape)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             row, a, b = row_of(grid, corner, i, j), in_tile(i), in_tile(j)
-            if rows[row, STAMP, a, b] == stamp - 1.0:
+            if rows[row, STAMP, a, b] == stamp - 1.0 and rows[row, OWNER, a, b] == k + 1.0:
                 rows[row, STAMP, a, b] = stamp
                 marks[row, 0] = 1

@@ -258,9 +258,9 @@ def displace(p, u, x, *arrays):
     done = True
     for k in range(len(sums)):
         if sums[k, STILL] > 0.0:
-            stay(p, arrays[18][k], shapes[k], x.stamp, rows, marks, grid[k], corner[k])
+            stay(p, k, arrays[18][k], shapes[k], x.stamp, rows, marks, grid[k], corner[k])
         elif sums[k, CELLS] > 0.0:
-            x.compacted += press(p, sums[k], cells[k], x.stamp, rows, marks)
+            x.compacted += press(p, k, sums[k], cells[k], x.stamp, rows, marks)
     for i in range(len(u.wheel)):
         if sums[i, CELLS] > 0.0:
             half, half_length = half_sizes(p, ranges[i], shapes[i])

@@ -107,15 +107,6 @@ def _span(p, wheel):
 
 
 @kernel
-def extents(p, wheel):
-    """Half extents [m] of a wheel along the world's x and y, at most."""
-    level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
-    along, across = p.r_w + p.h_g, 0.5 * p.b_w + (p.r_w + p.h_g) * abs(wheel.T[1, 2])
-    l_x, l_y = abs(wheel.T[1, 0] / level), abs(wheel.T[1, 1] / level)
-    return along * l_y + across * l_x, along * l_x + across * l_y
-
-
-@kernel
 def approach(p, wheel, rows, marks, head, ground, frame, grid, corner, sums):
     """Make the tiles of a wheel ready if it is near the ground, which CELLS = 0 in its sums says; False if the pool is full.
 
