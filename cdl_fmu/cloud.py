@@ -119,5 +119,6 @@ def _check_number(file: str, number: float, spacing: float) -> None:
     if number > _MOST_ELEMENTS:
         raise ModelError(
             f"{file}: spacing = {spacing:g} m cuts it into {number:.3g} or more surface elements, the most are {_MOST_ELEMENTS:.3g}; "
-            "choose a coarser spacing (SCM takes a quarter of its cell), simplify the mesh, or scale it if it is not in metres"
+            "choose a coarser spacing (SCM takes a quarter of its cell, half of it for bodies), simplify the mesh, or scale it if it is "
+            "not in metres"
         )

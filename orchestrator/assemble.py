@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from cdl_fmu.slave.model import Instance
 from cdl_fmu.slave.records import Choice
 
 from .rigs import ground_under, start
-from .rocks import ROCKS, place
+from .rocks import ROCKS, bed, place
 from .settle import Wires
 from .ssp import Connection, write_system
 
@@ -78,7 +79,10 @@ def assemble(experiment) -> Assembly:
         connections += _connect_rocks(rig.mover, mover, instances[ROCKS], len(rig.tiers), n_rocks)
         ground = ground_under(contacts, np.array([(rock.values["x"], rock.values["y"]) for rock in experiment.rocks]))
         place(experiment.rocks, mover, ground)
-    start(rig, mover, contacts, Wires(instances, connections), experiment.start_is_given)
+    wires = Wires(instances, connections)
+    start(rig, mover, contacts, wires, experiment.start_is_given)
+    for name in {"scm"} & contacts.keys() if n_rocks else ():
+        bed(experiment.rocks, name, contacts[name][0], wires, float(mover.p.gravity) * math.cos(float(mover.p.slope)))
     settings = experiment.settings
     return Assembly(experiment.name, instances, connections, settings.stop_time, settings.step)
 

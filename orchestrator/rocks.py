@@ -18,6 +18,8 @@ from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Real, Record
 from cdl_fmu.vem import VEM
 
+from .settle import Wires
+
 #: Name of the part that is the contact of wheels and rocks.
 ROCKS = "rocks"
 
@@ -30,7 +32,7 @@ ROCK = Record(
     yaw=Real(0.0, "rad", "Rotation about z, then about the new y and x by pitch and roll", (), -10.0, 10.0),
     pitch=Real(0.0, "rad", "Pitch", (), -1.5708, 1.5708),
     roll=Real(0.0, "rad", "Roll", (), -10.0, 10.0),
-    buried=Real(0.5, "1", "Share of the rock's height that lies below the ground at the start", min=-10.0, max=1.0),
+    buried=Real(0.5, "1", "Share of the rock's height that lies below the ground, at rest", min=-10.0, max=1.0),
     density=Real(2700.0, "kg/m3", "Density of the rock (granite)", min=1.0, max=3e4),
     size=Real((0.2, 0.16, 0.12), "m", "Extents of a generated rock along its axes", (3,), 1e-3, 20.0),
     roughness=Real(0.2, "1", "Depth of a generated rock's cuts and lumps over its radius", min=0.0, max=0.5),
@@ -114,3 +116,34 @@ def place(rocks: Sequence[Rock], rover: Instance, ground: np.ndarray) -> None:
     """Set the rover's rocks on ground of these heights [m] at their places."""
     for j, (rock, z) in enumerate(zip(rocks, ground), 1):
         rover.set_starts(rock.rover_values(j, rock.height(float(z))))
+
+
+_DEEPEST = 0.2  # [m] by which a rock has pressed the soil below it, at most
+_HALVINGS = 20
+
+
+def bed(rocks: Sequence[Rock], name: str, soil: Instance, wires: Wires, gravity: float) -> None:
+    """Set how far each rock has pressed the soil below it before, so that the soil bears its weight where it lies; fixed rocks have not.
+
+    Soil that is too weak to bear a rock there gives way when the run begins.
+
+    Args:
+        name, soil: Instance of SCM whose bodies are the rocks, initialised with their poses.
+        wires: Connections of all parts.
+        gravity: Along the ground's normal [m/s2].
+    """
+    fixed = ROCK.fields["fixed"].value("on")
+    loads = np.array([0.0 if rock.values["fixed"] == fixed else rock.mass * gravity for rock in rocks])
+
+    def set_settled(depths: np.ndarray) -> None:
+        soil.set_starts({f"body[{j}].settled": float(depth) for j, depth in enumerate(depths, 1)})
+        wires.feed(name)
+        soil.initialise()
+
+    low, high = np.zeros(len(rocks)), np.full(len(rocks), _DEEPEST)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        set_settled(middle)
+        bears = np.array(soil.y["body"]["f_0"][:, 2]) >= loads
+        low, high = np.where(bears, low, middle), np.where(bears, middle, high)
+    set_settled(np.where(loads > 0.0, high, 0.0))

@@ -157,7 +157,8 @@ def test_too_many_elements_are_refused(file):
         text.startswith("plate.stl: spacing = 0.0001 m cuts it into 2.53e+07 or more") and "surface elements, the most are 2e+06;" in text
     )
     assert text.endswith(
-        "choose a coarser spacing (SCM takes a quarter of its cell), simplify the mesh, or scale it if it is not in metres"
+        "choose a coarser spacing (SCM takes a quarter of its cell, half of it for bodies), simplify the mesh, or scale it if it is not in "
+        "metres"
     )
     assert "plate.stl: spacing = 1e-300 m cuts it into" in refusal(file(box()), 1e-300)
 

@@ -115,7 +115,7 @@ def test_bodies_feel_what_compaction_left(tmp_path):
         for _ in range(3):
             found[compressible].append(bodies.move(0.3, (0.0, 0.0, -0.1), h=2e-3)[-1, 2])
             bodies.move(0.3, (0.0, 0.0, 0.1), h=2e-3)
-    assert found["on"][0] == pytest.approx(found["off"][0], rel=0.02)
+    assert found["on"][0] == pytest.approx(found["off"][0], rel=0.03)
     assert found["on"][2] > 1.05 * found["off"][2]
 
 

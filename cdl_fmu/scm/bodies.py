@@ -7,7 +7,7 @@ import math
 from ..contact import PATIENCE, has_pose
 from ..slave.kernel import kernel
 from .cloud import cloud_contact
-from .columns import CELLS, DEPTH, F_X, HALF, MIDDLE, ROW, T_X, WIDTH, A, B
+from .columns import CELLS, DEPTH, HALF, MIDDLE, ROW, WIDTH, A, B
 from .flow import heave_around, transport
 from .grousers import dragged_layer
 from .stress import pressure_modulus
@@ -97,7 +97,7 @@ def half_sizes(p, range_, shape):
 
 @kernel
 def wheel_contact_with_mesh(
-    p, x, h, wheel, is_body, modulus, shape, elements, range_, rows, ground, frame, grid, corner, placed, links, cells, sums
+    p, x, wheel, is_body, modulus, shape, elements, range_, rows, ground, frame, grid, corner, placed, links, cells, sums
 ):
     """Stresses on a wheel with a mesh, in the axes of ``wheel_contact``."""
     level = math.sqrt(wheel.T[1, 0] ** 2 + wheel.T[1, 1] ** 2)
@@ -114,7 +114,6 @@ def wheel_contact_with_mesh(
         contact_length(p, sums[DEPTH]),
         modulus,
         (x.powers, x.pushes),
-        h,
         x.stamp,
         rows,
         ground,
@@ -132,7 +131,7 @@ def wheel_contact_with_mesh(
 
 
 @kernel
-def body_contact(p, x, h, body, is_body, shape, elements, range_, rows, ground, frame, grid, corner, placed, links, cells, sums):
+def body_contact(p, x, body, is_body, shape, elements, range_, rows, ground, frame, grid, corner, placed, links, cells, sums):
     """Stresses on a body, in world axes."""
     modulus, window = pressure_modulus(p, shape[WIDTH]), window_around(p, body, shape)
     cloud_contact(
@@ -146,7 +145,6 @@ def body_contact(p, x, h, body, is_body, shape, elements, range_, rows, ground, 
         shape[WIDTH],
         modulus,
         (x.powers, x.pushes),
-        h,
         x.stamp,
         rows,
         ground,
@@ -161,19 +159,6 @@ def body_contact(p, x, h, body, is_body, shape, elements, range_, rows, ground, 
         cells,
         sums,
     )
-
-
-@kernel
-def answer_body(body, memory, sums, wrench):
-    """Wrench from the sums of a body; False if it has no pose, whose steps are counted."""
-    for k in range(3):
-        wrench.f_0[k] = sums[F_X + k] if sums[CELLS] >= 0.0 else 0.0
-        wrench.t_0[k] = sums[T_X + k] if sums[CELLS] >= 0.0 else 0.0
-    if has_pose(body):
-        memory.silent, memory.laid = 0.0, 1.0
-        return True
-    memory.silent += 1.0
-    return False
 
 
 @kernel

@@ -1,8 +1,8 @@
 """A closed surface of small flat elements on the soil's cells: meshed wheels, footpads, bellies, rocks.
 
 An element is worked on the cell whose node is nearest to it, and there stands for the nearest of the cell's points along the tool's
-heading (a body's: world x). Those of one point press together, at their mean depth; each bears its plan area's share, along its own
-normal. The area that the elements cover is the cell's coverage.
+heading (a body's: world x), four of a wheel, two of a body, which is cut into larger elements. Those of one point press together, at their
+mean depth; each bears its plan area's share, along its own normal. The area that the elements cover is the cell's coverage.
 
 - Bearing elements face down. Faces steeper than pi/4 + phi/2, those of the rigid wedge below Prandtl's footing, do not press the soil down
   but push it aside: they bear Rankine's passive earth pressure. So do the flanks of fine features, such as grousers; their tips press
@@ -21,31 +21,27 @@ from ..slave.kernel import kernel
 from ..strength import CRITICAL_STATE, angle, escape, left_by_push, log_of_push, softened, strength_of, yield_pressure
 from ..terramechanics import flow_value
 from ..unloading import pressure, unloading_of, unloading_stiffness
+from .bearing import NOTHING, TOTAL, add, bear, pressed_with
 from .columns import (
     ACROSS,
     ALONG,
     ALONG_MAX,
     ALONG_MIN,
-    ALONG_SOIL,
     AREA,
     AT,
     BARE,
     CELLS,
-    D_Z,
     DEEPEST,
     DEPTH,
-    F_X,
-    F_Y,
-    F_Z,
     FIRST,
     FLOOR,
     FLUX_X,
     FLUX_Y,
+    FRICTION,
     J_X,
     J_Y,
     K_X,
     K_Y,
-    K_Z,
     KIND,
     MEAN,
     N_X,
@@ -53,6 +49,8 @@ from .columns import (
     N_Z,
     OFF,
     PATH,
+    PLAN,
+    POINTS_OF_BODIES,
     PRESSURE,
     PUSH_ACROSS,
     PUSH_AHEAD,
@@ -63,9 +61,6 @@ from .columns import (
     SIDE_ACROSS,
     SIDE_ALONG,
     SLOPE,
-    T_X,
-    T_Y,
-    T_Z,
     A,
     B,
     X,
@@ -74,19 +69,32 @@ from .columns import (
     clear,
 )
 from .density import bearing_gain, density_of, friction
-from .elements import LAYER, LEAST_COVER, lowest_bearing, place_elements
+from .elements import LAYER, LEAST_COVER, bearing_share, lowest_bearing, place_elements, wall_share
 from .erosion import repose_of
-from .faces import displace, passive, velocity
+from .faces import displace, passive
 from .features import FLANK, SURFACE
 from .rim import pushes
-from .stress import mobilised, nodes_per_root, power, remembered, whole
-from .support import clear_support, resist, resist_cell
-from .tiles import BASE, COMPACTED, FILL, POINT, POINTS, SHEAR_X, SHEAR_Y, SINKAGE, SLIP, STAMP, base_height, floor_depth, in_tile, row_of
+from .stress import nodes_per_root, power, whole
+from .support import clear_support, resist_aside
+from .tiles import (
+    BASE,
+    COMPACTED,
+    FILL,
+    HELD,
+    POINT,
+    POINTS,
+    SHEAR_X,
+    SHEAR_Y,
+    SINKAGE,
+    SLIP,
+    STAMP,
+    base_height,
+    floor_depth,
+    in_tile,
+    row_of,
+)
 from .wheel import CLEARANCE, floor_slope, push_ahead
 
-#: What presses on a cell: plan area [m2], force down [N], stiffness [N/m], moments of that force [N.m], horizontal force, torque.
-_NOTHING = (0.0,) * 11
-_TOTAL = 1
 #: While a cell is looked at, columns of its row hold the plan area [m2], then the pressure [Pa], of each of its points.
 _PLAN = _SIGMA = J_X
 
@@ -103,7 +111,6 @@ def cloud_contact(
     length,
     modulus,
     tables,
-    h,
     stamp,
     rows,
     ground,
@@ -121,7 +128,7 @@ def cloud_contact(
     """Stresses on a meshed tool with soil under it; the arguments and results are those of ``wheel_contact`` unless said otherwise.
 
     Args:
-        tool: Its input record.
+        tool: Its pose and twist, and the mean twist and time since its contact was worked out last.
         is_body: Whether it is a body, whose support is wanted, and around which soil may have been laid.
         h_x, h_y: Unit vector of its level axis "along", horizontal; "across" is to the left.
         width, length: Of its contact, across and along [m].
@@ -136,7 +143,9 @@ def cloud_contact(
     i0, i1, j0, j1 = window
     n_j, next_ = j1 - j0 + 1, links.shape[0] - placed.shape[0]
     steep = math.cos(0.25 * math.pi + 0.5 * p.phi)
-    n_placed = place_elements(p, tool, is_body, steep, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links)
+    n_placed = place_elements(
+        p, tool, is_body, steep, h_x, h_y, rows, ground, frame, grid, corner, i0, i1, j0, j1, elements, range_, placed, links
+    )
     if n_placed == 0:
         sums[SIDE_ALONG] = sums[SIDE_ACROSS] = sums[PUSHED_X] = sums[PUSHED_Y] = 0.0
         return
@@ -152,7 +161,8 @@ def cloud_contact(
     forward = 1.0 if along >= 0.0 else -1.0
     t_x, t_y = v_0[0] / max(speed, 1e-9), v_0[1] / max(speed, 1e-9)
     pushed = math.hypot(sums[PUSHED_X], sums[PUSHED_Y])
-    m_x, m_y, push = displace(p, tool, strength.wall_modulus, sums, h_x, h_y, h, placed, n_placed)
+    m_x, m_y, push = displace(p, tool, strength.wall_modulus, sums, h_x, h_y, placed, n_placed)
+    points = POINTS_OF_BODIES if is_body else POINTS
     n = 0
     for at in range((i1 - i0 + 1) * n_j):
         start = links[at]
@@ -180,52 +190,58 @@ def cloud_contact(
         for k in range(POINTS):
             cells[n, FIRST + k] = cells[n, _PLAN + k] = cells[n, SLOPE + k] = 0.0
 
-        on_tips, covered, off_x, off_y = _NOTHING, 0.0, 0.0, 0.0
+        on_tips, covered, off_x, off_y = NOTHING, 0.0, 0.0, 0.0
         steep_plan, lowest_steep = 0.0, 1e300
         e = start
         while e >= 0:
             x, y, z = placed[e, X], placed[e, Y], placed[e, Z]
             n_x, n_y, n_z, area = placed[e, N_X], placed[e, N_Y], placed[e, N_Z], placed[e, AREA]
+            place, wall = placed[e, AT] / cell, 0.0
             placed[e, AT] = -1.0
             if n_z <= -steep and placed[e, KIND] != FLANK and z < lowest + LAYER * cell:
-                plan, along, across = -n_z * area, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
-                k = min(max(int((along / cell + 0.5) * POINTS), 0), POINTS - 1)
+                bears = bearing_share(is_body, steep, n_z)
+                wall = 1.0 - bears
+                plan, along, across = -n_z * area * bears, (x - d_x) * h_x + (y - d_y) * h_y, (x - d_x) * l_x + (y - d_y) * l_y
+                k = min(max(int((place + 0.5) * points), 0), points - 1)
                 if placed[e, KIND] == SURFACE:
                     # Its depth where the point is, on its plane.
                     rise_along, rise_across = -(n_x * h_x + n_y * h_y) / n_z, -(n_x * l_x + n_y * l_y) / n_z
-                    z += (_place_of(k) * cell - along) * rise_along - across * rise_across
-                    cells[n, FIRST + k] += plan * (surface - z)
+                    z_k = z + ((_place_of(k, points) * cell - along) * rise_along - across * rise_across)
+                    cells[n, FIRST + k] += plan * (surface - z_k)
                     cells[n, _PLAN + k] += plan
                     cells[n, SLOPE + k] += plan * rise_along
-                    placed[e, AT] = k
+                    placed[e, AT], placed[e, PLAN] = k, plan
                     covered, off_x, off_y = covered + plan, off_x + plan * (x - d_x), off_y + plan * (y - d_y)
                 else:
                     depth = surface - z
-                    before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
+                    before = (
+                        sinkage * _before(rows, row, a, b, k, points) if kept else max(floor + slope * _place_of(k, points) * cell, 0.0)
+                    )
                     if depth > before:
                         dense = borne * power(tables[0], per_root, p.n, depth)
                         rise = (n_x * h_x + n_y * h_y) / -n_z
                         plastic = yield_pressure(strength, dense, depth, fill, soft, _escape(strength, forward * rise, left))
                         sigma, rise = pressure(unloading_stiffness(unloading, depth, dense, before), p.n, depth - before, depth, plastic)
-                        on_tips = _pressed(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
+                        on_tips = pressed_with(on_tips, x, y, z, n_x, n_y, n_z, plan, sigma, rise)
             elif placed[e, KIND] == FLANK or abs(n_z) < steep:
+                wall = wall_share(is_body, steep, n_z)
                 if n_z < 0.0:
                     steep_plan, lowest_steep = steep_plan - n_z * area, min(lowest_steep, z)
-                share = (m_x * n_x + m_y * n_y) * push
-                if share > 0.0:
-                    f = area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner)
-                    _add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
-                    sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
-                    sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
-                    if is_body:
-                        resist(sums, ALONG_SOIL, f * push, n_x, n_y, n_z, x, y, z)
+            share = (m_x * n_x + m_y * n_y) * push
+            if wall > 0.0 and share > 0.0:
+                f = wall * area * strength.wall * passive(p, N_phi, r_0, x, y, z, n_x, n_y, stamp, rows, grid, corner)
+                add(sums, h_x, h_y, x, y, z, -f * share * n_x, -f * share * n_y, -f * share * n_z)
+                sums[K_X] += whole(f * push * (n_x * h_x + n_y * h_y) ** 2)
+                sums[K_Y] += whole(f * push * (n_x * l_x + n_y * l_y) ** 2)
+                if is_body:
+                    resist_aside(sums, f * push, n_x, n_y, n_z, x, y, z)
             e = links[next_ + e]
 
         # Elements around a point press together, as one would: their depths differ by more than soil yields elastically.
         new_floor, n_points, total, stiffness = 0.0, 0, 0.0, 0.0
-        for k in range(POINTS):
+        for k in range(points):
             plan, sigma = cells[n, _PLAN + k], 0.0
-            before = sinkage * rows[row, POINT + k, a, b] if kept else max(floor + slope * _place_of(k) * cell, 0.0)
+            before = sinkage * _before(rows, row, a, b, k, points) if kept else max(floor + slope * _place_of(k, points) * cell, 0.0)
             after = before
             if plan > 0.0:
                 depth = cells[n, FIRST + k] / plan
@@ -240,8 +256,8 @@ def cloud_contact(
                 new_floor, n_points = new_floor + after, n_points + 1
             cells[n, FIRST + k], cells[n, _SIGMA + k] = after, sigma
 
-        if on_tips[_TOTAL] > 0.0:
-            _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, 0.0, sums)
+        if on_tips[TOTAL] > 0.0:
+            bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_tips, j_x, j_y, path, 0.0, 0.0, sums)
         if total <= 0.0:
             if is_body and covered == 0.0 and steep_plan >= LEAST_COVER * cell * cell:
                 covered, lowest = steep_plan, lowest_steep  # soil that was laid around it does not slide into its place
@@ -252,43 +268,39 @@ def cloud_contact(
                 n += 1
             continue
         new_floor /= n_points
+        if points < POINTS:
+            cells[n, FIRST + 3] = cells[n, FIRST + 2] = cells[n, FIRST + 1]
+            cells[n, FIRST + 1] = cells[n, FIRST]
         on_surface = (0.0, 0.0, stiffness, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         e = start
         while e >= 0:
             k = int(placed[e, AT])
             if k >= 0 and cells[n, _SIGMA + k] > 0.0:
                 n_x, n_y, n_z = placed[e, N_X], placed[e, N_Y], placed[e, N_Z]
-                plan = -n_z * placed[e, AREA]
-                on_surface = _pressed(on_surface, placed[e, X], placed[e, Y], placed[e, Z], n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
+                x, y, z, plan = placed[e, X], placed[e, Y], placed[e, Z], placed[e, PLAN]
+                on_surface = pressed_with(on_surface, x, y, z, n_x, n_y, n_z, plan, cells[n, _SIGMA + k], 0.0)
             e = links[next_ + e]
-        j_x, j_y, share, u_x, u_y = _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, h, sums)
+        held = rows[row, HELD, a, b] * covered if is_body and kept else 0.0
+        j_x, j_y, path, share, u_x, u_y, grip = bear(
+            p, tool, is_body, h_x, h_y, damping, tan_phi, on_surface, j_x, j_y, path, held, tool.time, sums
+        )
         cover, along = min(covered / (cell * cell), 1.0), d_x * h_x + d_y * h_y
         laid = base_height(p, ground, frame, i, j) - rows[row, BASE, a, b] if is_body else 0.0
         sums[DEEPEST] = max(sums[DEEPEST], new_floor - fill + laid)
         sums[ALONG_MIN], sums[ALONG_MAX] = min(sums[ALONG_MIN], along), max(sums[ALONG_MAX], along)
         cells[n, ROW], cells[n, A], cells[n, B] = row, a, b
         cells[n, FLOOR], cells[n, MEAN] = new_floor, cover * new_floor
-        cells[n, J_X], cells[n, J_Y], cells[n, PATH] = j_x, j_y, path + h * math.hypot(u_x, u_y)
+        cells[n, J_X], cells[n, J_Y], cells[n, PATH], cells[n, FRICTION] = j_x, j_y, path, grip / covered
         sums[PRESSURE] += whole(total)
         sums[PUSH_SPEED] += whole(total * (u_x * t_x + u_y * t_y))
         sums[PUSH_AHEAD] += whole(total * max(ahead, 0.0))
         sums[PUSH_ACROSS] += whole(total * forward * sideways)
         cells[n, ALONG], cells[n, ACROSS] = along, (d_x + off_x / covered) * l_x + (d_y + off_y / covered) * l_y
-        dragged = layer * h / cell * share * cover
+        dragged = layer * tool.time / cell * share * cover
         cells[n, FLUX_X], cells[n, FLUX_Y] = dragged * u_x, dragged * u_y
         n += 1
     sums[CELLS] = n
-    push_ahead(p, tool, h, sums)
-
-
-@kernel(inline=True)
-def _pressed(pressed, x, y, z, n_x, n_y, n_z, plan, sigma, rise):
-    """What presses on a cell, and another element with its pressure [Pa] and the slope of that [Pa/m]."""
-    f, g_x, g_y = plan * sigma, n_x / n_z, n_y / n_z
-    area, total, stiffness, q_x, q_y, q_z, f_x, f_y, t_x, t_y, t_z = pressed
-    t_x, t_y, t_z = t_x + f * (y - z * g_y), t_y + f * (z * g_x - x), t_z + f * (x * g_y - y * g_x)
-    q_x, q_y, q_z = q_x + f * x, q_y + f * y, q_z + f * z
-    return area + plan, total + f, stiffness + plan * rise, q_x, q_y, q_z, f_x + f * g_x, f_y + f * g_y, t_x, t_y, t_z
+    push_ahead(p, tool, tool.time, sums)
 
 
 @kernel(inline=True)
@@ -299,61 +311,13 @@ def _escape(strength, rise, left):
 
 
 @kernel(inline=True)
-def _place_of(k):
-    """Distance of a cell's point from its node along the heading, in cells."""
-    return (k + 0.5) / POINTS - 0.5
-
-
-@kernel
-def _bear(p, tool, is_body, h_x, h_y, damping, tan_phi, pressed, j_x, j_y, h, sums):
-    """Add the forces of a cell: its pressures, and shear on its mean surface.
-
-    Args:
-        pressed: What presses on it.
-        j_x, j_y: Shear displacement before the step [m].
-
-    Returns:
-        Shear displacement [m], mobilised share of the strength, and velocity against the soil [m/s], turned into the horizontal plane.
-    """
-    area, total, stiffness, q_x, q_y, q_z, p_x, p_y, t_x, t_y, t_z = pressed
-    l_x, l_y = -h_y, h_x
-    # The mean surface: where its pressure acts, and the inward normal along which it does.
-    x, y, z = q_x / total, q_y / total, q_z / total
-    length = math.sqrt(p_x * p_x + p_y * p_y + total * total)
-    n_x, n_y, n_z = p_x / length, p_y / length, total / length
-    u_x, u_y, u_z = velocity(tool.v_0, tool.w_0, x, y, z)
-    normal = n_x * u_x + n_y * u_y + n_z * u_z
-    u_x, u_y, u_z = u_x - normal * n_x, u_y - normal * n_y, u_z - normal * n_z
-    # Displacements are kept as turned with the surface into the horizontal plane.
-    u_x, u_y = u_x - n_x * u_z / (1.0 + n_z), u_y - n_y * u_z / (1.0 + n_z)
-    j_x, j_y = remembered(p.K, j_x + h * u_x, j_y + h * u_y)
-    m_x, m_y, share, secant = mobilised(p, j_x, j_y, u_x, u_y)
-    drag = (p.c * min(damping, 1.0) * area + total * damping * tan_phi) / n_z * secant  # Eq. (8.7)
-    f_x, f_y = -drag * m_x, -drag * m_y
-    f_z = -(n_x * f_x + n_y * f_y)
-    _add(sums, h_x, h_y, x, y, z, f_x + n_x * f_z / (1.0 + n_z), f_y + n_y * f_z / (1.0 + n_z), f_z)
-    sums[F_X] += whole(damping * (p_x * h_x + p_y * h_y))
-    sums[F_Y] += whole(damping * (p_x * l_x + p_y * l_y))
-    sums[F_Z] += whole(damping * total)
-    sums[T_X] += whole(damping * (t_x * h_x + t_y * h_y))
-    sums[T_Y] += whole(damping * (t_x * l_x + t_y * l_y))
-    sums[T_Z] += whole(damping * t_z)
-    sums[K_X] += whole(drag)
-    sums[K_Y] += whole(drag)
-    sums[K_Z] += whole(stiffness * damping)
-    sums[D_Z] += whole(p.c_d * total)
-    if is_body:
-        resist_cell(sums, stiffness * damping, drag, total, p_x / total, p_y / total, n_x, n_y, n_z, x, y, z)
-    return j_x, j_y, share, u_x, u_y
+def _place_of(k, points):
+    """Distance of a cell's point, one of so many, from its node along the heading, in cells."""
+    return (k + 0.5) / points - 0.5
 
 
 @kernel(inline=True)
-def _add(sums, h_x, h_y, x, y, z, f_x, f_y, f_z):
-    """Add a force [N] at a point [m] relative to the tool's origin, both in world axes."""
-    t_x, t_y = y * f_z - z * f_y, z * f_x - x * f_z
-    sums[F_X] += whole(f_x * h_x + f_y * h_y)
-    sums[F_Y] += whole(f_y * h_x - f_x * h_y)
-    sums[F_Z] += whole(f_z)
-    sums[T_X] += whole(t_x * h_x + t_y * h_y)
-    sums[T_Y] += whole(t_y * h_x - t_x * h_y)
-    sums[T_Z] += whole(x * f_y - y * f_x)
+def _before(rows, row, a, b, k, points):
+    """Share of a cell's sinkage at its point."""
+    first, last = POINT + k * (POINTS // points), POINT + (k + 1) * (POINTS // points) - 1
+    return 0.5 * (rows[row, first, a, b] + rows[row, last, a, b])

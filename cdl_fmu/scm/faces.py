@@ -18,7 +18,7 @@ def velocity(v_0, w_0, x, y, z):
 
 
 @kernel
-def displace(p, tool, modulus, sums, h_x, h_y, h, placed, n_placed):
+def displace(p, tool, modulus, sums, h_x, h_y, placed, n_placed):
     """Move the steep faces on; returns the displacement that counts [m], in world axes, and the mobilised share by displacement [1/m].
 
     Own choice: one displacement for the whole tool. Where it rolls, soil is left behind and replaced by soil that was not displaced yet,
@@ -30,12 +30,14 @@ def displace(p, tool, modulus, sums, h_x, h_y, h, placed, n_placed):
         total, x, y, z = total + plan, x + plan * placed[e, X], y + plan * placed[e, Y], z + plan * placed[e, Z]
     if total > 0.0:
         x, y, z = x / total, y / total, z / total
-    u_x, u_y, _ = velocity(tool.v_0, tool.w_0, x, y, z)
-    rolling = math.hypot(tool.v_0[0] - u_x, tool.v_0[1] - u_y)
+    h = tool.time
+    u_x, u_y, _ = velocity(tool.mean_v, tool.mean_w, x, y, z)
+    rolling = math.hypot(tool.mean_v[0] - u_x, tool.mean_v[1] - u_y)
     kept = 1.0 / (1.0 + rolling * h / max(math.sqrt(total), p.cell))
     along, across = (sums[SIDE_ALONG] + h * (u_x * h_x + u_y * h_y)) * kept, (sums[SIDE_ACROSS] + h * (u_y * h_x - u_x * h_y)) * kept
     along, across = remembered(modulus, along, across)
     sums[SIDE_ALONG], sums[SIDE_ACROSS] = along, across
+    u_x, u_y, _ = velocity(tool.v_0, tool.w_0, x, y, z)
     m_x, m_y, moved = counted(p.tau_r, along * h_x - across * h_y, along * h_y + across * h_x, u_x, u_y)
     return m_x, m_y, secant_share(modulus, moved, janosi_displacement(moved, modulus))
 

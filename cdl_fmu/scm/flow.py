@@ -23,6 +23,7 @@ from .columns import (
     FLOOR,
     FLUX_X,
     FLUX_Y,
+    FRICTION,
     J_X,
     J_Y,
     MEAN,
@@ -39,6 +40,8 @@ from .density import density_of
 from .tiles import (
     COMPACTED,
     FILL,
+    HELD,
+    OWNER,
     POINT,
     POINTS,
     RATIO,
@@ -65,8 +68,11 @@ DISPLACED = MEAN
 
 
 @kernel
-def press(p, sums, cells, stamp, rows, marks):
+def press(p, number, sums, cells, stamp, rows, marks):
     """Press the footprint of a tool into the soil, and leave what each cell displaces in DISPLACED of the list of cells.
+
+    Args:
+        number: Of the tool, from 0.
 
     Returns:
         Compacted volume, as height on one cell [m].
@@ -75,6 +81,7 @@ def press(p, sums, cells, stamp, rows, marks):
     for n in range(int(sums[CELLS])):
         row, a, b = int(cells[n, ROW]), int(cells[n, A]), int(cells[n, B])
         marks[row, 0] = 1
+        rows[row, OWNER, a, b] = number + 1.0
         if cells[n, FLOOR] < 0.0:
             # Soil that lost a few grains to the tool that drags them along is still sheared by it.
             if cells[n, FLOOR] == OFF or rows[row, STAMP, a, b] != stamp - 1.0:
@@ -89,7 +96,7 @@ def press(p, sums, cells, stamp, rows, marks):
         for k in range(POINTS):
             rows[row, POINT + k, a, b] = cells[n, FIRST + k] / after if after > 0.0 else 1.0
         rows[row, SHEAR_X, a, b], rows[row, SHEAR_Y, a, b] = cells[n, J_X], cells[n, J_Y]
-        rows[row, SLIP, a, b] = cells[n, PATH]
+        rows[row, SLIP, a, b], rows[row, HELD, a, b] = cells[n, PATH], cells[n, FRICTION]
         rows[row, STAMP, a, b] = stamp
         denser = min((after - before) - quantised(p.plasticity * (after - before)), most - rows[row, COMPACTED, a, b])
         rows[row, COMPACTED, a, b] += denser

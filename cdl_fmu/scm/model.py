@@ -27,10 +27,10 @@ from ..terrain.raster import load_raster
 from ..unloading import UNLOADING
 from ..wheel import WHEEL, check_wheel
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
-from .columns import WIDTH
+from .columns import SETTLED, WIDTH
 from .density import COMPRESSIBLE, check_density
 from .erosion import repose_of
-from .meshes import load_meshes
+from .meshes import PER_CELL, PER_CELL_OF_BODIES, load_meshes
 from .pool import SoilPool
 from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise, step_kernels
 from .tiles import LONGEST_QUEUE
@@ -95,7 +95,7 @@ class SCM(KernelModel):
             map_min=Real(-1e6, "m", "Least x and y of the map", (2,), -1e6, 1e6),
             map_max=Real(1e6, "m", "Largest x and y of the map", (2,), -1e6, 1e6),
             threads=Real(1.0, "1", "Threads that work on tools and landslides at once; no result depends on it", min=1.0, max=256.0),
-            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (26 kB each) that may be touched", min=1.0, max=1e8),
+            max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (31 kB each) that may be touched", min=1.0, max=1e8),
         )
     )
     events = WHEEL_EVENTS | {
@@ -145,7 +145,10 @@ class SCM(KernelModel):
         sizes = {"p": n_patches, "b": n_bodies, "c": n_compacted}
         self.identifier = f"cdl_scm_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         b = Real(0.0, "m", "Width b of Bekker's law; 0 = 2 A / L of the mesh's projection on its x-y plane", min=0.0, max=100.0)
-        self.parameters = SCM.parameters | Record(body=Array(n_bodies, Record(b=b)))
+        settled = Real(
+            0.0, "m", "Depth by which a body that begins in the soil has pressed what is below it before; 0 = not at all", min=0.0, max=10.0
+        )
+        self.parameters = SCM.parameters | Record(body=Array(n_bodies, Record(b=b, settled=settled)))
         self.files = {
             "base": "Raster of heights of the undisturbed ground (.npz, .asc or .tif); none = flat at ground_z",
             "wheel_mesh": "Closed mesh of the wheels (.stl, .obj or .ply, in metres, y is the axle); none = cylinder with grousers",
@@ -155,6 +158,15 @@ class SCM(KernelModel):
         side = Real(0.0, "m", "Displacement of steep faces against the soil beside them, along and across", (2,))
         pushed = Real(0.0, "m", "Displacement of the soil that it pushes ahead, in world axes", (2,))
         laid = Real(0.0, "1", "1 from its first step with a pose on: the soil was laid around it then, where it began below the surface")
+        held = body_wrench(1).fields["body"].record | body_support(1).fields["support"].record
+        rest = Record(
+            steps=Real(0.0, "1", "Steps since its contact was worked out last"),
+            since=Real(0.0, "s", "Time since then"),
+            soil=Real(0.0, "m", "What tells the soil that it was worked out on from other soil"),
+            farthest=Real(0.0, "m", "Motion of its surface from then on over which its force hardly changes"),
+            held=held,  # what was found then, if in_contact
+            seat=Record(r_0=Real(0.0, "m", "Position by which it is seated", (3,)), T=Real(0.0, "1", "Rotation", (3, 3))),
+        )
         self.state = Record(
             stamp=Real(0.0, "1", "Number of the step"),
             sweep_time=Real(0.0, "s", "Time since the last sweep of landslides"),
@@ -162,7 +174,7 @@ class SCM(KernelModel):
             powers=Real(0.0, "1", "Table of depth^n, constant during a run", (2, 257)),
             pushes=Real(0.0, "1", "Table of what pushes leave of the soil's strength, constant during a run", (257,)),
             wheel=Array(n_wheels, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed)),
-            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed, laid=laid)),
+            body=Array(n_bodies, Record(silent=Real(0.0, "1", "Steps without a pose"), side=side, pushed=pushed, laid=laid) | rest),
         )
         self.outputs = (
             wheel_wrench(n_wheels)
@@ -211,7 +223,9 @@ class SCM(KernelModel):
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         names = ["wheel_mesh"] * n_wheels + [f"body[{i + 1}].mesh" for i in range(n_bodies)]
         widths = [p.b_w] * n_wheels + [p.body[i].b for i in range(n_bodies)]
-        meshes = load_meshes(names, files, widths, p.cell)
+        per_cell = [PER_CELL] * n_wheels + [PER_CELL_OF_BODIES] * n_bodies
+        meshes = load_meshes(names, files, widths, per_cell, p.cell)
+        meshes.shapes[n_wheels:, SETTLED] = [p.body[i].settled for i in range(n_bodies)]
         for name, width in zip(names, meshes.shapes[:, WIDTH]):
             if p.pressure_model == 1.0 and width > 0.0 and p.k_c / width + p.k_phi <= 0.0:
                 raise ModelError(

@@ -9,12 +9,24 @@ import numpy as np
 
 from ..slave.interface import body_pose
 from ..slave.pool import RowPool, SavedRows
+from ..slave.records import Real, Record
 from ..terrain.raster import Raster
 from . import erosion, rim
 from .columns import COLUMNS, PLACED, SUMS
 from .flow import OUTFLOWS
 from .meshes import Meshes
 from .tiles import BASE, FIELDS, FILL, HEAD, LONGEST_QUEUE, MARKS, SINKAGE, TILE, TILE_I, TILE_J
+
+#: Pose and twist of a tool with a mesh; mean velocities [m/s], [rad/s] since its contact was worked out last, and the time since [s]; the
+#: pose by which its elements are taken to be on cells.
+_MORE = Record(
+    mean_v=Real(0.0, "m/s", "", (3,)),
+    mean_w=Real(0.0, "rad/s", "", (3,)),
+    time=Real(0.0, "s", ""),
+    seat_0=Real(0.0, "m", "", (3,)),
+    seat_T=Real(0.0, "1", "", (3, 3)),
+)
+_POSE = (body_pose(1).fields["body"].record | _MORE).dtype
 
 
 class SoilPool(RowPool):
@@ -52,7 +64,7 @@ class SoilPool(RowPool):
                 np.zeros((n_tools, (across * across if most else 0) + most), np.int64),  # links: their chains
                 np.zeros(LONGEST_QUEUE, erosion.DTYPE),  # sliding: tiles that slide
                 np.zeros((LONGEST_QUEUE, 4), np.int64),  # boxes
-                np.zeros(n_tools, body_pose(1).fields["body"].record.dtype),  # poses: of tools with a mesh
+                np.zeros(n_tools, _POSE),  # poses: of tools with a mesh
             ),
         )
 

@@ -20,7 +20,6 @@ from ..strength import tabulate_pushes
 from .bodies import (
     BODY_NO_DATA,
     BODY_THROUGH,
-    answer_body,
     approach_with_mesh,
     body_contact,
     box_around,
@@ -29,13 +28,13 @@ from .bodies import (
     refused_body,
     wheel_contact_with_mesh,
 )
-from .columns import CELLS, DEEPEST, DEPTH
+from .columns import CELLS, DEEPEST, DEPTH, STILL
 from .embedding import lay_around, take_back
 from .erosion import settle, slide
 from .flow import press
 from .heights import fill_patch, height_at, is_set
+from .rest import answer_body, find_still, stand_up, stay, take_seats
 from .stress import deepest_of_table, pressure_modulus, tabulate
-from .support import answer_support
 from .tiles import SLIDING, base_height_at
 from .tools import answer, approach, diagnose, forget, patch_inside, place, rearrange, recall, remember, wheel_inside
 from .wheel import wheel_contact
@@ -90,7 +89,8 @@ def initialise(t, P, X, wheels, bodies, wrenches, contacts, diagnostics, patches
         _start(wheels[i])
     for i in range(len(bodies)):
         _start(bodies[i])
-        bodies[i].laid = 0.0
+        bodies[i].laid = bodies[i].steps = bodies[i].since = bodies[i].held.in_contact = 0.0
+        stand_up(bodies[i].seat)
 
 
 @kernel
@@ -100,14 +100,14 @@ def _start(memory):
 
 
 @kernel
-def place_all(u, *arrays):
+def place_all(u, h, *arrays):
     """Poses of all tools with a mesh, wheels and bodies alike, for code that serves both."""
     ranges, poses = arrays[6], arrays[18]
     for i in range(len(u.wheel)):
         if ranges[i, 1] > ranges[i, 0]:
-            place(u.wheel[i], poses[i])
+            place(u.wheel[i], h, poses[i])
     for i in range(len(u.body)):
-        place(u.body[i], poses[len(u.wheel) + i])
+        place(u.body[i], h, poses[len(u.wheel) + i])
 
 
 @kernel
@@ -168,6 +168,8 @@ def stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays):
     pose, is_body = arrays[18][k], k >= len(wheels)
     if sums[k, CELLS] < 0.0:
         forget(sums[k])
+    elif sums[k, STILL] > 0.0:
+        sums[k, CELLS] = 0.0
     elif not is_body:
         wheel, modulus = wheels[k], pressure_modulus(p, p.b_w)
         recall(wheel_memory[k], sums[k])
@@ -176,7 +178,6 @@ def stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays):
             wheel_contact_with_mesh(
                 p,
                 x,
-                h,
                 pose,
                 is_body,
                 modulus,
@@ -201,7 +202,6 @@ def stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays):
         body_contact(
             p,
             x,
-            h,
             pose,
             is_body,
             shapes[k],
@@ -231,7 +231,7 @@ def pressed_through(p, u, *arrays):
 
 
 @kernel
-def answer_all(p, u, memory, y, *arrays):
+def answer_all(p, h, u, memory, y, *arrays):
     """The outputs of all tools, and what they remember; number of the warning that the step ends with, or 0."""
     ground, frame, sums, poses = arrays[3], arrays[4], arrays[11], arrays[18]
     status = 0
@@ -246,10 +246,8 @@ def answer_all(p, u, memory, y, *arrays):
             status = NO_DATA + STATUS_SPAN * i
     for i in range(len(u.body)):
         k = len(u.wheel) + i
-        remember(sums[k], memory.body[i])
-        if not answer_body(poses[k], memory.body[i], sums[k], y.body[i]):
+        if not answer_body(p, h, poses[k], memory.body[i], sums[k], y.body[i], y.support[i]):
             status = BODY_NO_DATA + STATUS_SPAN * i
-        answer_support(p, poses[k], sums[k], y.support[i])
     return status
 
 
@@ -259,8 +257,10 @@ def displace(p, u, x, *arrays):
     rows, marks, head, ground, frame, elements, ranges, shapes, grid, corner, cells, sums, blocks, outflow = arrays[:14]
     done = True
     for k in range(len(sums)):
-        if sums[k, CELLS] > 0.0:
-            x.compacted += press(p, sums[k], cells[k], x.stamp, rows, marks)
+        if sums[k, STILL] > 0.0:
+            stay(p, k, arrays[18][k], shapes[k], x.stamp, rows, marks, grid[k], corner[k])
+        elif sums[k, CELLS] > 0.0:
+            x.compacted += press(p, k, sums[k], cells[k], x.stamp, rows, marks)
     for i in range(len(u.wheel)):
         if sums[i, CELLS] > 0.0:
             half, half_length = half_sizes(p, ranges[i], shapes[i])
@@ -283,7 +283,7 @@ def displace(p, u, x, *arrays):
             )
     for i in range(len(u.body)):
         k = len(u.wheel) + i
-        if sums[k, CELLS] >= 0.0:
+        if sums[k, CELLS] >= 0.0 and sums[k, STILL] == 0.0:
             done &= rearrange_body(
                 p, arrays[18][k], shapes[k], x.stamp, rows, marks, head, ground, frame, grid[k], corner[k], cells[k], sums[k]
             )
@@ -336,14 +336,16 @@ def step_kernels(compaction: bool):
         p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
         u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
         y = Outputs(wrenches, contacts, diagnostics, patches, answers, supports)
-        place_all(u, *arrays)
+        place_all(u, h, *arrays)
         status = refused(p, u, memory, y, *arrays)
         if status:
             return status
         if not make_all_ready(p, u, *arrays):
             return FULL
         x.stamp += 1.0
+        take_seats(p, u, memory, *arrays)
         lay_around(p, u, memory, x, *arrays)
+        find_still(p, h, u, memory, *arrays)
         for k in range(len(sums)):
             stress(k, h, P, X, wheels, wheel_memory, body_memory, *arrays)
         status = pressed_through(p, u, *arrays)
@@ -351,7 +353,7 @@ def step_kernels(compaction: bool):
             take_back(p, u, memory, x, *arrays)
             x.stamp -= 1.0
             return status
-        status = answer_all(p, u, memory, y, *arrays)
+        status = answer_all(p, h, u, memory, y, *arrays)
         done = displace(p, u, x, *arrays)
         for _ in range(sweeps_due(p, x, h)):
             for k in range(head[SLIDING]):
@@ -367,14 +369,16 @@ def step_kernels(compaction: bool):
         p, x, head, sums = P[0], X[0], arrays[2], arrays[11]
         u, memory = Inputs(wheels, trailing, bodies), Memory(wheel_memory, body_memory)
         y = Outputs(wrenches, contacts, diagnostics, patches, answers, supports)
-        place_all(u, *arrays)
+        place_all(u, h, *arrays)
         status = refused(p, u, memory, y, *arrays)
         if status:
             return status
         if not make_all_ready(p, u, *arrays):
             return FULL
         x.stamp += 1.0
+        take_seats(p, u, memory, *arrays)
         lay_around(p, u, memory, x, *arrays)
+        find_still(p, h, u, memory, *arrays)
         for k in numba.prange(len(sums)):  # unsigned there
             stress(np.int64(k), h, P, X, wheels, wheel_memory, body_memory, *arrays)
         status = pressed_through(p, u, *arrays)
@@ -382,7 +386,7 @@ def step_kernels(compaction: bool):
             take_back(p, u, memory, x, *arrays)
             x.stamp -= 1.0
             return status
-        status = answer_all(p, u, memory, y, *arrays)
+        status = answer_all(p, h, u, memory, y, *arrays)
         done = displace(p, u, x, *arrays)
         for _ in range(sweeps_due(p, x, h)):
             for k in numba.prange(head[SLIDING]):

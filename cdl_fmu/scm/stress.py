@@ -95,6 +95,41 @@ def remembered(K, j_x, j_y):
 
 
 @kernel
+def sheared(p, before, now, j_x, j_y, s_x, s_y, path, u_x, u_y):
+    """Shear of a cell below a body, that gives back no more energy than went into it.
+
+    Own choice: friction follows the displacement as a spring of the law's first slope, up to what the law mobilises along the path that was
+    gone; sheared in one direction from the start it is the law itself. Where the load grows the force stays, where it falls the
+    displacement does, and what was stored is lost (Elata & Berryman 1996). A spring that is as strong as its load, whichever way that came,
+    makes bodies rock for ever.
+
+    Args:
+        before, now: Friction that the cell could give in the step before, 0 if there was none, and now [N].
+        j_x, j_y: Shear displacement before the step [m].
+        s_x, s_y: Displacement in the step [m].
+        path: Of slip up to the step's end [m].
+        u_x, u_y: Velocity [m/s].
+
+    Returns:
+        Shear displacement by which the law mobilises as much [m], displacement vector that counts [m], the mobilised share of the strength,
+        and that share over the vector's length [1/m].
+    """
+    j = math.sqrt(j_x * j_x + j_y * j_y)
+    kept = secant_share(p.K, j, janosi_displacement(j, p.K)) * p.K
+    if now > before > 0.0:
+        kept *= before / now
+    e_x, e_y = kept * j_x + s_x, kept * j_y + s_y
+    length, most = math.sqrt(e_x * e_x + e_y * e_y), p.K * janosi_displacement(min(path, LONGEST_MEMORY * p.K), p.K)
+    if length > most:
+        e_x, e_y, length = e_x * (most / length), e_y * (most / length), most
+    longer = -p.K * math.log1p(-length / p.K) / length if length > 1e-9 * p.K else 1.0
+    m_x, m_y, moved = counted(p.tau_r, e_x, e_y, u_x, u_y)
+    fast = janosi_displacement(path + p.tau_r * math.sqrt(u_x * u_x + u_y * u_y), p.K)
+    share = min(moved / p.K, fast)
+    return e_x * longer, e_y * longer, m_x, m_y, share, secant_share(p.K, moved, share)
+
+
+@kernel
 def deepest_of_table(p):
     """Depth [m] up to which powers are tabulated: more than a wheel's radius."""
     return 2.0 * p.r_w

@@ -11,8 +11,7 @@ import math
 
 from ..contact import anchor_here, has_pose
 from ..slave.kernel import kernel
-from .columns import ALONG_SOIL, CELLS, INTO, SUMS, WEIGHTED
-from .stress import whole
+from .columns import ALONG_SOIL, CELLS, DAMPING, INTO, STILL
 
 _LEAST = 1e-9  # [N/m] stiffness below which there is none
 
@@ -20,47 +19,52 @@ _LEAST = 1e-9  # [N/m] stiffness below which there is none
 @kernel
 def clear_support(sums):
     """Nothing supports the body."""
-    for n in range(INTO, SUMS):
+    for n in range(INTO, STILL):
         sums[n] = 0.0
 
 
-@kernel
-def resist(sums, first, stiffness, d_x, d_y, d_z, x, y, z):
-    """Add a stiffness [N/m] along the direction d at the point (x, y, z) [m] relative to the body's origin, in world axes.
+@kernel(inline=True)
+def _motion(d_x, d_y, d_z, x, y, z):
+    """Motion along d at the point (x, y, z) [m] by unit translations and rotations of the body."""
+    return d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
 
-    Args:
-        first: Where in the sums its matrix begins: INTO the soil, or ALONG_SOIL.
-    """
-    # Motion along d at the point, by unit translations and rotations of the body.
-    motion = d_x, d_y, d_z, y * d_z - z * d_y, z * d_x - x * d_z, x * d_y - y * d_x
-    n = first
+
+@kernel
+def resist_aside(sums, stiffness, d_x, d_y, d_z, x, y, z):
+    """Add the stiffness [N/m] of soil that is pushed aside along d at the point (x, y, z) [m] from the body's origin, in world axes."""
+    motion = _motion(d_x, d_y, d_z, x, y, z)
+    n = 0
     for i in range(6):
+        share = stiffness * motion[i]
         for j in range(i + 1):
-            sums[n] += whole(stiffness * motion[i] * motion[j])
+            sums[ALONG_SOIL + n] += share * motion[j]
             n += 1
 
 
 @kernel
-def resist_cell(sums, stiffness, drag, force, g_x, g_y, n_x, n_y, n_z, x, y, z):
+def resist_cell(sums, stiffness, drag, damping, g_x, g_y, n_x, n_y, n_z, x, y, z):
     """Add what a pressed cell resists with.
 
     Args:
         stiffness: Slope of its force over depth [N/m].
         drag: Secant stiffness of its friction [N/m].
-        force: By which it presses up [N].
+        damping: Fall of its force up by the speed of the surface up [N.s/m].
         g_x, g_y: Horizontal force per force up [1], which is also by how much deeper the surface gets where it moves along x and y.
         n_x, n_y, n_z: Unit normal of its mean surface, in world axes; x, y, z: its point [m].
     """
-    resist(sums, INTO, stiffness, g_x, g_y, 1.0, x, y, z)
     # Two directions along the surface, turned out of the horizontal plane with it.
     turn = 1.0 / (1.0 + n_z)
-    resist(sums, ALONG_SOIL, drag, 1.0 - n_x * n_x * turn, -n_x * n_y * turn, -n_x, x, y, z)
-    resist(sums, ALONG_SOIL, drag, -n_x * n_y * turn, 1.0 - n_y * n_y * turn, -n_y, x, y, z)
-    sums[WEIGHTED] += whole(force)
-    sums[WEIGHTED + 1] += whole(force * x)
-    sums[WEIGHTED + 2] += whole(force * y)
-    sums[WEIGHTED + 3] += whole(force * x * x)
-    sums[WEIGHTED + 4] += whole(force * y * y)
+    into = _motion(g_x, g_y, 1.0, x, y, z)
+    one = _motion(1.0 - n_x * n_x * turn, -n_x * n_y * turn, -n_x, x, y, z)
+    other = _motion(-n_x * n_y * turn, 1.0 - n_y * n_y * turn, -n_y, x, y, z)
+    n = 0
+    for i in range(6):
+        for j in range(i + 1):
+            both = into[i] * into[j]
+            sums[INTO + n] += stiffness * both
+            sums[DAMPING + n] += damping * both
+            sums[ALONG_SOIL + n] += drag * (one[i] * one[j] + other[i] * other[j])
+            n += 1
 
 
 @kernel(inline=True)
@@ -134,12 +138,10 @@ def answer_support(p, body, sums, support):
     c = c_x, c_y, c_z
     _move(sums, INTO, c)
     _move(sums, ALONG_SOIL, c)
+    _move(sums, DAMPING, c)
     for i in range(3):
         support.point_0[i] += c[i]
         support.K[i], support.K_r[i] = _bound(sums, INTO, i), _bound(sums, INTO, 3 + i)
-        support.D[i], support.D_r[i] = p.tau_r * _bound(sums, ALONG_SOIL, i), p.tau_r * _bound(sums, ALONG_SOIL, 3 + i)
-    force, m_x, m_y = sums[WEIGHTED], sums[WEIGHTED + 1], sums[WEIGHTED + 2]
-    support.D[2] += p.c_d * force
-    support.D_r[0] += p.c_d * max(sums[WEIGHTED + 4] - c_y * (2.0 * m_y - c_y * force), 0.0)
-    support.D_r[1] += p.c_d * max(sums[WEIGHTED + 3] - c_x * (2.0 * m_x - c_x * force), 0.0)
+        support.D[i] = p.tau_r * _bound(sums, ALONG_SOIL, i) + _bound(sums, DAMPING, i)
+        support.D_r[i] = p.tau_r * _bound(sums, ALONG_SOIL, 3 + i) + _bound(sums, DAMPING, 3 + i)
     support.in_contact = 1.0

@@ -26,7 +26,9 @@ SLIP = 7  # [m] path of slip of the tool on the cell, which softens dense soil
 POINT = 8  # [1] sinkage of four points along the heading of the tool that pressed the cell last, over that of the cell
 POINTS = 4
 COMPACTED = POINT + POINTS  # [m] height that the column below the cell lost by compaction, wherever soil on it went since
-FIELDS = COMPACTED + 1
+HELD = COMPACTED + 1  # [Pa] friction that the cell could give per area of the body that pressed it last
+OWNER = HELD + 1  # [1] number of the tool that pressed on the cell last, from 1
+FIELDS = OWNER + 1
 
 #: Marks of a tile: 0 is the pool's own; indices, next tile in the chain of its hash, box of cells that may slide [i0, i1] x [j0, j1].
 TILE_I, TILE_J, NEXT, BOX = 1, 2, 3, 4

@@ -57,12 +57,15 @@ def remember(sums, memory):
 
 
 @kernel
-def place(tool, pose):
-    """Copy the pose and twist of a wheel or a body."""
+def place(tool, h, pose):
+    """Copy the pose and twist of a wheel or a body, which has moved with it for a step of h [s]."""
+    pose.time = h
     for i in range(3):
         pose.r_0[i], pose.v_0[i], pose.w_0[i] = tool.r_0[i], tool.v_0[i], tool.w_0[i]
+        pose.mean_v[i], pose.mean_w[i] = tool.v_0[i], tool.w_0[i]
+        pose.seat_0[i] = tool.r_0[i]
         for j in range(3):
-            pose.T[i, j] = tool.T[i, j]
+            pose.T[i, j] = pose.seat_T[i, j] = tool.T[i, j]
 
 
 @kernel
