@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cdl_fmu.frames import axis_rotation
+from cdl_fmu.slave.interface import triangle
 from cdl_fmu.slave.model import Instance
 
 G = 9.81
@@ -171,7 +172,7 @@ class Vehicle:
         q = self.q + h * mobility @ Q
         S = np.vstack([np.block([[np.eye(3), -_cross_matrix(arm)], [np.zeros((3, 3)), np.eye(3)]]) for arm, _ in self._arms])
         n = len(S)
-        u.inverse_inertia[:n, :n] = S @ mobility @ S.T
+        u.inverse_inertia[: triangle(n)] = (S @ mobility @ S.T)[np.tril_indices(n)]
         u.free_twist[:n] = S @ q
         for i, (_, axle) in enumerate(self._arms):
             u.free_twist[6 * i + 3 : 6 * i + 6] += self.rate * axle

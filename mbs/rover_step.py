@@ -273,8 +273,8 @@ def _move_on(h, q, q_dot, n_rocks):
 def predict(H, drives, dynamics, masses, where, before, soil, hard, anchors, lifted, rows, n_rows, A, forces, room, q_dot, inverse, free):
     """Inverse inertia of the next step's own matrix at all frames, and their twists at its end without rigid impulses.
 
-    All other forces stay as they are; those that come with a Jacobian go on along it from the poses ``before`` the step just done, for
-    which they were evaluated. ``room`` [6 n, n_dof] is memory.
+    Of the former it is the lower triangle, row by row. All other forces stay as they are; those that come with a Jacobian go on along it
+    from the poses ``before`` the step just done, for which they were evaluated. ``room`` [6 n, n_dof] is memory.
     """
     h = H[0]
     R, T, twists, J = where
@@ -297,7 +297,7 @@ def predict(H, drives, dynamics, masses, where, before, soil, hard, anchors, lif
             total = 0.0
             for d in range(first, forces.size):
                 total += room[r, d] * room[s, d]
-            inverse[r, s] = inverse[s, r] = total
+            inverse[r * (r + 1) // 2 + s] = total
 
 
 @kernel

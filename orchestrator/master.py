@@ -141,7 +141,7 @@ class Master:
         return Exchange(self.slaves, self.inputs, self.outputs, routes)
 
     def _stability_guard(self, slaves: dict[str, Slave]) -> StabilityGuard | None:
-        rover = next((s for s in self.slaves if "inverse_inertia[1,1]" in s.variables), None)
+        rover = next((s for s in self.slaves if "inverse_inertia[1]" in s.variables), None)
         contacts = []
         for connection in self._connections:
             source = slaves[connection.source_component]

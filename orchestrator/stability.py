@@ -2,17 +2,18 @@
 
 Friction: lambda_max(A D) H < 2. Spring: a zero-order hold over H adds a damping ratio of about -omega H / 4 under Gauss-Seidel, so the
 contact's own must be larger; omega^2 = lambda_max(A K). A is the operational-space inverse inertia at the contacts, from what a rover
-offers about its wheels' centres as ``inverse_inertia[i,j]``; K and D come from the contacts' interface Jacobians.
+offers about its wheels' centres as ``inverse_inertia[k]``; K and D come from the contacts' interface Jacobians.
 """
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
 from scipy.linalg import eigh
 
-_ELEMENT = re.compile(r"inverse_inertia\[(\d+),(\d+)\]")
+_ELEMENT = re.compile(r"inverse_inertia\[(\d+)\]")
 
 
 class StabilityGuard:
@@ -28,11 +29,11 @@ class StabilityGuard:
         self._warn = warn
         self._warned: set[int] = set()
         at = {name: i for i, name in enumerate(rover.outputs)}
-        elements = [(int(m[1]) - 1, int(m[2]) - 1, i) for n, i in at.items() if (m := _ELEMENT.fullmatch(n))]
-        size = 1 + max(row for row, _, _ in elements)
+        elements = sorted((int(m[1]), i) for n, i in at.items() if (m := _ELEMENT.fullmatch(n)))
+        size = math.isqrt(2 * len(elements))  # of the matrix of which these are the lower triangle, row by row
         self._elements = np.empty((size, size), dtype=int)
-        for row, column, i in elements:
-            self._elements[row, column] = i
+        rows, columns = np.tril_indices(size)
+        self._elements[rows, columns] = self._elements[columns, rows] = [i for _, i in elements]
         n_wheels = max(wheel for _, _, wheel in contacts)
         self._size = 3 * n_wheels
         self._centres = np.array([[at[f"wheel[{i + 1}].r_0[{k}]"] for k in (1, 2, 3)] for i in range(n_wheels)])

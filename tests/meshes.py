@@ -38,7 +38,7 @@ class Scene:
         return self.rows[:n].copy()
 
     def wheel(self, radius, width, own, pose_wheel, j, pose_j, margin):
-        n = wheel_contacts(7, radius, width, own, pose_wheel, self.meshes, j, pose_j, margin, self.scratch, self.rows, 0)
+        n = wheel_contacts(7, radius, width, own, 0.002, pose_wheel, self.meshes, j, pose_j, margin, self.scratch, self.rows, 0)
         return self.rows[:n].copy()
 
 

@@ -236,7 +236,7 @@ def test_a_refused_step_changes_nothing(meshes):
     instance.step(0.0, H)
     before = instance.block[instance.slices["x"]].copy()
     assert before.any()
-    for height, text in ((0.12, "body 1, at .* is overlapped by more than reach = 0.01 m"), (math.nan, r"wheel\[1\].r_0\[3\] = nan m")):
+    for height, text in ((0.12, "body 1, at .* is overlapped by more than reach = 0.005 m"), (math.nan, r"wheel\[1\].r_0\[3\] = nan m")):
         instance.u.wheel[0].r_0[2] = height
         with pytest.raises(ModelError, match=text):
             instance.step(0.0, H)

@@ -123,5 +123,5 @@ def test_rocks_need_soil_or_are_fixed_and_a_testbed_has_none(tmp_path):
 def test_a_rock_where_the_wheel_starts_says_so(tmp_path):
     source = tmp_path / "rocks.toml"
     source.write_text(SPARSE_ROCKS)
-    with pytest.raises(Exception, match=r"body 1, at \(0\.6, .*is overlapped by more than reach = 0\.01 m"):
+    with pytest.raises(Exception, match=r"body 1, at \(0\.6, .*is overlapped by more than reach = 0\.005 m"):
         simulate(source, tmp_path / "out", overrides={"rock[1].x": 0.6, "rock[1].buried": 0.2}, stop_time=0.01, picture=False)

@@ -209,7 +209,7 @@ def test_a_refused_step_changes_nothing(meshes):
     instance.u.wheel[0]["T"][:] = 0.0  # no pose yet
     instance.u.wheel[1].r_0[2] = R - 0.015
     before = instance.block[instance.slices["x"]].copy()
-    with pytest.raises(ModelError, match=r"body 1, at \(0, 0, 0\) m, is overlapped by more than reach = 0.01 m: start what touches it"):
+    with pytest.raises(ModelError, match=r"body 1, at \(0, 0, 0\) m, is overlapped by more than reach = 0.005 m: start what touches it"):
         instance.step(0.0, 1e-3)
     assert np.array_equal(instance.block[instance.slices["x"]], before)
     instance.u.wheel[1].r_0[2] = math.nan
@@ -239,7 +239,7 @@ def test_a_wheel_deep_within_a_body_or_around_it_is_refused(model, thing, height
     instance = Instance(model, **{"body[1].mesh": tmp_path / "thing.stl"})
     instance.u.wheel[0].r_0[2] = height
     instance.u.body[0].r_0[0] = 1e-3
-    with pytest.raises(ModelError, match=r"body 1, at \(0\.001, 0, 0\) m, is overlapped by more than reach = 0\.01 m: start"):
+    with pytest.raises(ModelError, match=r"body 1, at \(0\.001, 0, 0\) m, is overlapped by more than reach = 0\.005 m: start"):
         instance.initialise()
         instance.u.wheel[0].v_0[0] = 1e-3  # with a pose of all zeros it would not have been set yet
         instance.step(0.0, 1e-3)

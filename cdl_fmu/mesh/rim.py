@@ -43,6 +43,16 @@ def rim_contacts(i, radius, width, pose_wheel, meshes, j, pose_j, margin, scratc
     reach = spheres[j, 3] + margin
     if abs(y) > 0.5 * width + reach or x * x + z * z > (radius + reach) ** 2:
         return n
+    first = n
+    n = _search(i, radius, width, pose_wheel, meshes, j, margin, False, frame, stack, contacts, n)
+    if n == first:  # nothing near, or a face that cuts through the wheel deeper than that
+        n = _search(i, radius, width, pose_wheel, meshes, j, margin, True, frame, stack, contacts, n)
+    return n
+
+
+@kernel
+def _search(i, radius, width, pose_wheel, meshes, j, margin, deep, frame, stack, contacts, n):
+    """Candidates near the rim's surface; or ``deep`` ones, faces that cut through it below its axle, which tell of an overlap."""
     stack[0], top = meshes.roots[j], 1
     while top > 0:
         top -= 1
@@ -59,9 +69,10 @@ def rim_contacts(i, radius, width, pose_wheel, meshes, j, pose_j, margin, scratc
             stack[top], stack[top + 1] = node + 1, right
             top += 2
             continue
-        n = _vertices(i, radius, 0.5 * width, pose_wheel, meshes, j, node, margin, frame, contacts, n)
-        n = _edges(i, radius, 0.5 * width, pose_wheel, meshes, j, node, margin, frame, contacts, n)
-        n = _faces(i, radius, 0.5 * width, pose_wheel, meshes, j, node, margin, frame, contacts, n)
+        if not deep:
+            n = _vertices(i, radius, 0.5 * width, pose_wheel, meshes, j, node, margin, frame, contacts, n)
+            n = _edges(i, radius, 0.5 * width, pose_wheel, meshes, j, node, margin, frame, contacts, n)
+        n = _faces(i, radius, 0.5 * width, pose_wheel, meshes, j, node, margin, deep, frame, contacts, n)
     return n
 
 
@@ -228,7 +239,7 @@ def _weight(meshes, e, frame, d_x, d_y, d_z, n_x, n_y, n_z):
 
 
 @kernel
-def _faces(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n):
+def _faces(i, radius, half, pose, meshes, j, node, margin, deep, frame, contacts, n):
     vertices, triangles, normals = meshes.vertices, meshes.triangles, meshes.normals
     for t in range(meshes.nodes[node, FIRST_TRIANGLE], meshes.nodes[node, LAST_TRIANGLE]):
         n_x, n_y, n_z = turned(frame, normals[t, 0], normals[t, 1], normals[t, 2])
@@ -241,8 +252,7 @@ def _faces(i, radius, half, pose, meshes, j, node, margin, frame, contacts, n):
         for end in range(2):
             x, y, z = scale * n_x, half - 2.0 * half * end, scale * n_z
             gap = dot(x - o_x, y - o_y, z - o_z, n_x, n_y, n_z)
-            # One that cuts through the wheel below its axle is a candidate however deep it is, so that it is not missed.
-            if abs(gap) < margin or -radius * math.sqrt(across) < gap < 0.0:
+            if abs(gap) < margin or (deep and -radius * math.sqrt(across) < gap < 0.0):
                 x, y, z = x - gap * n_x, y - gap * n_y, z - gap * n_z
                 q_x, q_y, q_z = moved_back(frame, x, y, z)
                 if _over(vertices, triangles, t, normals, q_x, q_y, q_z):

@@ -20,7 +20,7 @@ from .wheel import wheel_contacts
 
 #: What a hard contact model declares beside its laws.
 TOOLS = WHEEL | Record(
-    reach=Real(0.01, "m", "Distance up to which surfaces are looked for, and depth to which they may overlap", min=1e-5, max=1.0),
+    reach=Real(0.005, "m", "Distance up to which surfaces are looked for, and depth to which they may overlap", min=1e-5, max=1.0),
     spacing=Real(0.02, "m", "Distance within which contact points with one normal count as one", min=1e-5, max=1.0),
 )
 #: What it declares of each body.
@@ -99,7 +99,7 @@ def wheel_candidates(p, i, wheel, n_bodies, body, j, meshes, scratch, candidates
         plates, radius = own, 0.0
     elif meshes.roots[plates] < 0:
         plates = -1
-    n = wheel_contacts(i, radius, p.b_w, plates, wheel, meshes, j, body, _SEEN * p.reach, scratch, candidates, np.int64(0))
+    n = wheel_contacts(i, radius, p.b_w, plates, p.t_g, wheel, meshes, j, body, _SEEN * p.reach, scratch, candidates, np.int64(0))
     return _within(p.reach, n, candidates)
 
 

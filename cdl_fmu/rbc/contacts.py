@@ -8,7 +8,7 @@ import numpy as np
 
 from ..contact import has_pose
 from ..frames import cross, dot
-from ..mesh.contacts import CONTACT, GAP, NORMAL, POINT, A, B
+from ..mesh.contacts import CONTACT, GAP, NORMAL, POINT, WEIGHT, A, B
 from ..mesh.reduce import thin_out
 from ..mesh.tools import TOO_DEEP, TOO_MANY, body_candidates, is_fixed, wheel_candidates
 from ..slave.kernel import kernel
@@ -50,7 +50,13 @@ def _keep_few(p, found, n_wheels, candidates, rows, n):
     """Add the contacts of one pair to the rows. Next row, and a refusal or 0."""
     if found < 0:
         return n, TOO_MANY
-    for c in range(thin_out(candidates, 0, found, p.spacing, _MOST)):
+    touching = 0
+    for c in range(found):  # rigid bodies touch or do not: see cone_weight
+        if candidates[c, WEIGHT] > 0.5:
+            for k in range(CONTACT):
+                candidates[touching, k] = candidates[c, k]
+            touching += 1
+    for c in range(thin_out(candidates, 0, touching, p.spacing, _MOST)):
         if -candidates[c, GAP] > p.reach:
             return n, TOO_DEEP
         to = n

@@ -56,7 +56,7 @@ class RBC(KernelModel):
             | Record(
                 n_directions=Real(8.0, "1", "Directions of the polyhedral friction cone, an even number", min=4.0, max=64.0),
                 tolerance=Real(1e-5, "m/s", "Largest error of a velocity at a contact, at which sweeps end", min=1e-12, max=1.0),
-                max_sweeps=Real(60.0, "1", "Most sweeps, after which Lemke's method takes over", min=1.0, max=1e5),
+                max_sweeps=Real(300.0, "1", "Most sweeps, after which Lemke's method takes over", min=1.0, max=1e5),
                 rest_speed=Real(0.01, "m/s", "Impact speed up to which nothing rebounds", min=0.0, max=10.0),
                 effective_mass=Real(
                     2.0, "kg", "What a wheel weighs; used where the multibody system does not tell its inverse inertia", min=1e-3, max=1e5
@@ -116,6 +116,7 @@ class RBC(KernelModel):
         memory = (
             np.zeros((n, CONTACT)),  # rows: the contacts that are kept
             np.zeros((n, 3, 12)),  # lever
+            np.zeros((6 * n_tools, 6 * n_tools)),  # mobility: inverse inertia at all tools
             np.zeros((3, 6 * n_tools)),  # mobile: twists of all tools per impulse
             np.zeros((3 * n, 3 * n)),  # G
             *(np.zeros(size * n) for size in (3, 1, 1, 3, 3)),  # b, target, mu, impulse, v

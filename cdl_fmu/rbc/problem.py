@@ -12,16 +12,19 @@ _PUSHED_OUT, _PUSHED_OUT_SCALAR, _STEPS_OUT = 0.02, 0.005, 5.0
 
 
 @kernel
-def has_mobility(u):
-    """Whether the multibody system tells its inverse inertia."""
-    mobility = 0.0
-    for k in range(u.inverse_inertia.shape[0]):
-        mobility = max(mobility, u.inverse_inertia[k, k])
-    return mobility > 0.0
+def take_mobility(u, mobility):
+    """Unpack the inverse inertia that the multibody system tells into ``mobility`` [n, n]; False if it tells none."""
+    at, told = 0, False
+    for i in range(len(mobility)):
+        for j in range(i + 1):
+            mobility[i, j] = mobility[j, i] = u.inverse_inertia[at]
+            at += 1
+        told |= mobility[i, i] > 0.0
+    return told
 
 
 @kernel
-def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, target, mu, v, twist, exact):
+def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile, G, b, target, mu, v, twist, exact):
     """Velocities per impulse G, free velocities b, what the normal ones have to reach, and friction."""
     n_wheels = len(wheels)
     for i in range(n_wheels + len(bodies)):
@@ -43,14 +46,13 @@ def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, ta
     if not exact:
         _scalar_masses(p, laws, n_wheels, n, rows, G)
         return
-    A_ = u.inverse_inertia
     for d in range(n):
         on, against = 6 * int(rows[d, A]), 6 * int(rows[d, B])
         for s in range(3):
-            for r in range(A_.shape[0]):
+            for r in range(len(mobility)):
                 total = 0.0
                 for k in range(6):
-                    total += A_[r, on + k] * lever[d, s, k] + A_[r, against + k] * lever[d, s, 6 + k]
+                    total += mobility[r, on + k] * lever[d, s, k] + mobility[r, against + k] * lever[d, s, 6 + k]
                 mobile[s, r] = total
         for c in range(d, n):
             on_c, against_c = 6 * int(rows[c, A]), 6 * int(rows[c, B])

@@ -12,7 +12,7 @@ from ..mesh.tools import NO_DATA, clear_wrench, count_silent, refused_tool, show
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN
 from .contacts import find, take_levers
-from .problem import has_mobility, make_problem
+from .problem import make_problem, take_mobility
 from .solve import BY_PIVOTS, UNSOLVED, solve
 
 #: Status numbers beside those of the tools: a warning that the scalar mass is too large.
@@ -47,7 +47,7 @@ def step(t, h, P, laws, U, wheels, bodies, X, memory, kept, Y, wrenches, answers
     p, u, x, y = P[0], U[0], X[0], Y[0]
     n_wheels, n_bodies = len(wheels), len(bodies)
     meshes, scratch, candidates = Meshes(*arrays[:N_MESHES]), Scratch(*arrays[N_MESHES:FOUND]), arrays[FOUND]
-    rows, lever, mobile, G, b, target, mu, impulse, v, twist, directions, best, tableau, basis = arrays[MEMORY:]
+    rows, lever, mobility, mobile, G, b, target, mu, impulse, v, twist, directions, best, tableau, basis = arrays[MEMORY:]
     status, index = refused_tool(wheels, memory, n_bodies, meshes.roots)
     if status:
         return status + STATUS_SPAN * index
@@ -62,12 +62,12 @@ def step(t, h, P, laws, U, wheels, bodies, X, memory, kept, Y, wrenches, answers
             warning = NO_DATA + STATUS_SPAN * i
     for c in range(n):
         take_levers(wheels, bodies, rows[c], lever[c])
-    exact = has_mobility(u)
+    exact = take_mobility(u, mobility)
     if not exact:
         for i in range(n_wheels):
             if _gains(p, wheels[i], memory[i]):
                 warning = GROWS + STATUS_SPAN * i
-    make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobile, G, b, target, mu, v, twist, exact)
+    make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile, G, b, target, mu, v, twist, exact)
     _start_from(p, n, rows, lever, kept, impulse)
     outcome, sweeps, residual = 0, 0, 0.0
     if n > 0 and h > 0.0:

@@ -221,6 +221,11 @@ def pair_contacts(n_wheels: int, n_bodies: int) -> Record:
     )
 
 
+def triangle(n: int) -> int:
+    """Number of elements of a symmetric [n, n] matrix's lower triangle."""
+    return n * (n + 1) // 2
+
+
 def tool_twists(n_wheels: int, n_bodies: int) -> Record:
     """What rigid contacts need of a multibody system, wheels first, then bodies: its inverse inertia at them, and where they are going."""
     n, frames = n_wheels + n_bodies, "velocity, then angular velocity of each tool, resolved in world"
@@ -228,8 +233,9 @@ def tool_twists(n_wheels: int, n_bodies: int) -> Record:
         inverse_inertia=Real(
             0.0,
             "1",  # of different units: 1/kg, 1/(kg.m), 1/(kg.m2)
-            f"Twist per impulse wrench about the tools' origins, of the step's own matrix J (M - H dF/dv)^-1 J' [SI]; {frames}",
-            (6 * n, 6 * n),
+            f"Twist per impulse wrench about the tools' origins, of the step's own matrix J (M - H dF/dv)^-1 J' [SI], symmetric: its lower "
+            f"triangle row by row; {frames}",
+            (triangle(6 * n),),
         ),
         free_twist=Real(
             0.0,

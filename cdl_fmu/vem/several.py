@@ -11,7 +11,7 @@ import numpy as np
 
 from ..contact import has_pose
 from ..frames import cross, dot
-from ..mesh.contacts import GAP, NORMAL, POINT, Scratch
+from ..mesh.contacts import GAP, NORMAL, POINT, WEIGHT, Scratch
 from ..mesh.pool import FOUND, MEMORY, N_MESHES
 from ..mesh.reduce import shares
 from ..mesh.surface import Meshes
@@ -138,7 +138,8 @@ def _touch(p, law, on, tool, against, other, n, candidates, out, wrench, opposit
                 first = c
         if first < 0:
             return slot, deepest
-        deepest = max(deepest, -candidates[first, GAP])
+        if candidates[first, WEIGHT] > 0.5:  # it touches more than it is about to
+            deepest = max(deepest, -candidates[first, GAP])
         load = x = y = z = n_x = n_y = n_z = stiffness = damper = total = 0.0
         for c in range(n):
             if out[c] <= 0.0 or not _is_one_place(candidates, first, c, p.spacing):
