@@ -81,8 +81,8 @@ def assemble(experiment) -> Assembly:
         place(experiment.rocks, mover, ground)
     wires = Wires(instances, connections)
     start(rig, mover, contacts, wires, experiment.start_is_given)
-    for name in {"scm"} & contacts.keys() if n_rocks else ():
-        bed(experiment.rocks, name, contacts[name][0], wires, float(mover.p.gravity) * math.cos(float(mover.p.slope)))
+    if n_rocks and "scm" in contacts:
+        bed(experiment.rocks, "scm", contacts["scm"][0], wires, float(mover.p.gravity) * math.cos(float(mover.p.slope)))
     settings = experiment.settings
     return Assembly(experiment.name, instances, connections, settings.stop_time, settings.step)
 

@@ -102,7 +102,7 @@ def some_inputs(model, rng) -> np.ndarray:
         patch["origin"] = spacing * np.round(wheel["r_0"][:2] / spacing - np.array(patch["z"].shape) // 2)
         patch["z"] = rng.uniform(-0.01, 0.01, patch["z"].shape)
     for j, body in enumerate(u["body"] if "body" in fields else ()):
-        body["r_0"], body["T"] = np.array(place_of(j)) - (0.0, 0.0, 0.016), np.eye(3)  # as wheels lean
+        body["r_0"], body["T"] = np.array(place_of(j)) - (0.0, 0.0, 0.021), np.eye(3)  # as wheels lean, and no contact may be deep
     scalars = model.inputs.scalars()
     return block.clip([s.field.min for s in scalars], [s.field.max for s in scalars])
 
