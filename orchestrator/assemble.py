@@ -12,10 +12,12 @@ import numpy as np
 
 from cdl_fmu.slave.build import cached_fmu
 from cdl_fmu.slave.interface import n_pairs
-from cdl_fmu.slave.model import Instance
+from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Choice
+from cdl_fmu.wheel_mesh import wheel_mesh
 
-from .rigs import ground_under, start
+from .overlaps import overlapping
+from .rigs import Contacts, ground_under, start
 from .rocks import ROCKS, bed, place
 from .settle import Wires
 from .ssp import Connection, write_system
@@ -81,10 +83,29 @@ def assemble(experiment) -> Assembly:
         place(experiment.rocks, mover, ground)
     wires = Wires(instances, connections)
     start(rig, mover, contacts, wires, experiment.start_is_given)
+    if n_rocks:
+        _refuse_overlaps(experiment, mover, contacts)
     if n_rocks and "scm" in contacts:
         bed(experiment.rocks, "scm", contacts["scm"][0], wires, float(mover.p.gravity) * math.cos(float(mover.p.slope)))
     settings = experiment.settings
     return Assembly(experiment.name, instances, connections, settings.stop_time, settings.step)
+
+
+def _refuse_overlaps(experiment, mover: Instance, contacts: Contacts) -> None:
+    """Raise ModelError if rocks overlap each other, or one a wheel where it starts."""
+    p = next(iter(contacts.values()))[0].p
+    tire = wheel_mesh(p.r_w, p.b_w, 0.0, 0.0, 0.0, spacing=0.05)
+    placed = enumerate(zip(experiment.rocks, mover.y["rock"]), 1)
+    bodies = {f"rock[{j}]": _in_world(rock.surface.triangles, pose) for j, (rock, pose) in placed}
+    bodies |= {f"the {name} wheel": _in_world(tire.triangles, pose) for name, pose in zip(experiment.rig.tiers, mover.y["wheel"])}
+    if found := overlapping(bodies):
+        of_wheel = "move the rock (x, y or buried) or the rover (rover.start.x)"
+        remedy = of_wheel if "wheel" in found[1] else "move them apart (x, y), or give them as one mesh"
+        raise ModelError(f"{found[0]} and {found[1]} overlap at the start: {remedy}")
+
+
+def _in_world(triangles: np.ndarray, pose) -> np.ndarray:
+    return pose["r_0"] + triangles @ pose["T"]
 
 
 def _connect_rocks(mover: str, rover: Instance, rocks: Instance, n_wheels: int, n_rocks: int) -> list[Connection]:

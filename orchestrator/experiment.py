@@ -23,7 +23,7 @@ from . import soil_range
 from .assemble import assemble
 from .keys import flat, joined, within
 from .rigs import ROVER, TESTBED, Rig
-from .rocks import MESH, ROCK, ROCKS, Rock, make_rock
+from .rocks import MESH, ROCK, ROCKS, Rock, hard_keys, make_rock
 from .schemes import SCHEMES
 from .sections import RUN, files_in, models_of, sections_of, takes_one
 from .tables import ExperimentError, read_tables
@@ -208,11 +208,31 @@ class Experiment:
         if self._compaction and "bcm" in self._models and not self._models["bcm"].sizes["n_compacted"]:
             place = self._place("bcm", "compaction")
             found.append(f"{place}: bcm.compaction has no effect: no wheel on SCM presses the soil that wheels on BCM stand on")
-        return found + [
-            f"{option}: it has no effect: no wheel is on {idle[section]}, only on {on}"
-            for key, option in self._options.items()
-            if (section := key.partition(".")[0]) in idle
-        ]
+        return (
+            found
+            + [
+                f"{option}: it has no effect: no wheel is on {idle[section]}, only on {on}"
+                for key, option in self._options.items()
+                if (section := key.partition(".")[0]) in idle
+            ]
+            + self._idle_of_rocks()
+        )
+
+    def _idle_of_rocks(self) -> list[str]:
+        """Options that set what the rocks' tier does not ask for."""
+        if not self.rocks:
+            return []
+        model, tier = self._models[ROCKS], self.rock_tier
+        asked, hard = model.parameters.fields["body"].record.fields, set(hard_keys())
+        found = []
+        for key, option in self._options.items():
+            section, _, name = key.partition(".")
+            if section.startswith("rock[") and name in hard and name not in asked:
+                found.append(f"{option}: it has no effect: rocks are on {tier}, which does not ask for it")
+            elif section == tier.lower() and tier not in self.tiers.values() and name not in {**model.parameters.fields, **model.files}:
+                remedy = f"; give rock[1].{name} and so on" if name in asked else ""
+                found.append(f"{option}: it has no effect: no wheel stands on {tier}'s own ground{remedy}")
+        return found
 
     def _laws_apart(self) -> list[str]:
         if not self._compaction or not {"bcm", "scm"} <= set(self._models):

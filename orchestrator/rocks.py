@@ -17,6 +17,7 @@ from cdl_fmu.slave.kernel import cache_folder
 from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Real, Record
 from cdl_fmu.vem import VEM
+from mbs.rover import Rover
 
 from .settle import Wires
 
@@ -34,11 +35,12 @@ ROCK = Record(
     roll=Real(0.0, "rad", "Roll", (), -10.0, 10.0),
     buried=Real(0.5, "1", "Share of the rock's height that lies below the ground, at rest", min=-10.0, max=1.0),
     density=Real(2700.0, "kg/m3", "Density of the rock (granite)", min=1.0, max=3e4),
-    size=Real((0.2, 0.16, 0.12), "m", "Extents of a generated rock along its axes", (3,), 1e-3, 20.0),
+    size=Real((0.2, 0.16, 0.12), "m", "Extents of a generated rock along its axes", (3,), 0.01, 3.0),
     roughness=Real(0.2, "1", "Depth of a generated rock's cuts and lumps over its radius", min=0.0, max=0.5),
     seed=Real(1.0, "1", "Number of a generated rock's random shape", min=0.0, max=2.0**31),
     **{name: field for name, field in _HARD.items() if name != "mass"},
 )
+_MASS, _CENTER = (Rover(2, 1).parameters.fields["rock"].record.fields[name] for name in ("mass", "center"))
 #: Its file.
 MESH = {"mesh": "Closed mesh of the rock (.stl, .obj or .ply, in metres); none = a generated one"}
 
@@ -94,9 +96,24 @@ def make_rock(values: Mapping[str, float], mesh: str) -> Rock:
         raise ModelError(f"seed = {values['seed']:g}: it must be a whole number")
     path = Path(mesh) if mesh else _generate(values)
     try:
-        return Rock(values, path, load_surface(path))
+        rock = Rock(values, path, load_surface(path))
     except ModelError as error:
         raise ModelError(f"mesh = {error}") from None
+    what = f"mesh = {path.name}" if mesh else "size"
+    if not _MASS.min <= rock.mass <= _MASS.max:
+        across = float(np.ptp(rock.surface.arrays.vertices[:, :3], axis=0).max())
+        raise ModelError(
+            f"{what}: the rock is {across:.3g} m across and weighs {rock.mass:.3g} kg at density = {values['density']:g} kg/m3; it must "
+            f"weigh {_MASS.min:g} to {_MASS.max:g} kg: is the mesh in millimetres? scale it by 0.001"
+        )
+    if np.abs(rock.surface.centre).max() > _CENTER.max:
+        raise ModelError(f"{what}: its centre of mass is more than {_CENTER.max:g} m from its origin; move the mesh to the origin")
+    return rock
+
+
+def hard_keys() -> list[str]:
+    """Keys of a rock that hard contact models ask for, each its own."""
+    return [name for name in _HARD if name not in ("mass", "fixed")]
 
 
 def _generate(values: Mapping[str, float]) -> Path:
@@ -133,6 +150,8 @@ def bed(rocks: Sequence[Rock], name: str, soil: Instance, wires: Wires, gravity:
         gravity: Along the ground's normal [m/s2].
     """
     fixed = ROCK.fields["fixed"].value("on")
+    if all(rock.values["fixed"] == fixed for rock in rocks):
+        return
     loads = np.array([0.0 if rock.values["fixed"] == fixed else rock.mass * gravity for rock in rocks])
 
     def set_settled(depths: np.ndarray) -> None:

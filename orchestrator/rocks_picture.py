@@ -31,12 +31,19 @@ def rocks_picture(result: xr.Dataset) -> Figure:
     """
     wheels = {wheel.name: wheel for wheel in wheels_of(result)}
     hard = json.loads(result.attrs["hard"])
-    moments = [moment_in_row(result, _highest(result, wheel, hard["instance"])) for wheel in wheels.values()]
+    rows = [_highest(result, wheel, hard["instance"]) for wheel in wheels.values()]
+    moments = [moment_in_row(result, row) for row, _ in rows]
     figure = Figure(figsize=(9.0, 9.6), dpi=200)
     for k, (moment, name) in enumerate(zip(moments, wheels)):
         ax = figure.add_axes((0.5 * k - 0.03, 0.64, 0.56, 0.40), projection="3d", computed_zorder=False)
         _view(moment, ax)
-        figure.text(0.25 + 0.5 * k, 0.965, f"t = {moment.t:.2f} s: {name} wheel on a rock", ha="center", fontsize=9)
+        figure.text(
+            0.25 + 0.5 * k,
+            0.965,
+            f"t = {moment.t:.2f} s: {name} wheel {'on a rock' if rows[k][1] else 'on sand alone'}",
+            ha="center",
+            fontsize=9,
+        )
     handles = [
         Patch(facecolor=TIER_COLOURS.get(t, "0.5"), label=f"wheel on {t} and {hard['tier']}") for t in {w.tier for w in wheels.values()}
     ]
@@ -58,13 +65,13 @@ def rocks_picture(result: xr.Dataset) -> Figure:
     return figure
 
 
-def _highest(result: xr.Dataset, wheel: Wheel, instance: str) -> int:
-    """Row with a soil map at which the wheel is highest while a rock bears it; the last one if none does."""
+def _highest(result: xr.Dataset, wheel: Wheel, instance: str) -> tuple[int, bool]:
+    """Row with a soil map at which the wheel is highest while a rock bears it; the last one if none does, and whether one does."""
     rows = np.searchsorted(result.time.values, result.cdl.soil_times - 1e-9) if result.cdl.soil_times.size else np.arange(len(result.time))
     rows = rows[rows < len(result.time)]
     borne = result.cdl[f"{instance}.diagnostics[{wheel.rover_index}].normal_load"].values[rows] > 0.0
     z = np.where(borne, wheel.centre("z")[rows], -np.inf)
-    return int(rows[z.argmax()]) if borne.any() else int(rows[-1])
+    return int(rows[z.argmax()] if borne.any() else rows[-1]), bool(borne.any())
 
 
 def _view(moment: Moment, ax) -> None:
@@ -75,9 +82,10 @@ def _view(moment: Moment, ax) -> None:
     near = [rock for rock in moment.rocks if rock[:, :, 0].max() > along[0] and rock[:, :, 0].min() < along[1]]
     shown = [rock for rock in near if np.ptp(rock[:, :, :2], axis=(0, 1)).max() < _FLOOR]
     # Rocks are shown whole, and no wider a piece of ground than it takes.
-    along = (min(along[0], *(r[:, :, 0].min() - 0.03 for r in shown)), max(along[1], *(r[:, :, 0].max() + 0.03 for r in shown)))
-    side = (min(side[0], *(r[:, :, 1].min() for r in shown)), max(side[1], *(r[:, :, 1].max() for r in shown)))
-    low = min(float(moment.surface(along, side).min()), *(float(rock[:, :, 2].min()) for rock in shown)) - 0.01
+    corners = np.concatenate([rock.reshape(-1, 3) for rock in shown] or [np.empty((0, 3))])
+    along = (min([along[0], *(corners[:, 0] - 0.03)]), max([along[1], *(corners[:, 0] + 0.03)]))
+    side = (min([side[0], *corners[:, 1]]), max([side[1], *corners[:, 1]]))
+    low = min([float(moment.surface(along, side).min()), *corners[:, 2]]) - 0.01
     top = max(float(wheel.r_0[2]) for wheel in moment.wheels.values()) + moment.dimensions["r_w"] + moment.dimensions["h_g"]
     scene = Scene(24.0, -62.0, np.array([along, side, (low, top)]))
     scene.add_soil(moment, _HEIGHTS)

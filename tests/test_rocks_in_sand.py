@@ -82,7 +82,7 @@ def refused(tmp_path, overrides=None, tiers=None, edit=lambda text: text):
         ({"rock[1].colour": 1}, "rock[1].colour is unknown; use one of buried, damping_ratio, density,"),
         ({"rock[3].mu": 1.0}, "--set rock[3].mu: there is no [[rock]] of number 3"),
         ({"rock[1].seed": 1.5}, "rock[1].seed = 1.5: it must be a whole number"),
-        ({"rock[1].size": [200, 150, 100]}, "rock[1].size[1] = 200 m: it must be at most 20 m"),
+        ({"rock[1].size": [200, 150, 100]}, "rock[1].size[1] = 200 m: it must be at most 3 m"),
         ({"rocks.tier": "DEM"}, "rocks.tier = 'DEM' is unknown; use one of RBC, VEM"),
         ({"rocks.teir": "VEM"}, "rocks.teir is unknown; did you mean tier?"),
         ({"rbc.n_directions": 7}, "rbc.n_directions = 7: it must be even"),
@@ -120,8 +120,31 @@ def test_rocks_need_soil_or_are_fixed_and_a_testbed_has_none(tmp_path):
     assert "rocks need a rover" in refused(tmp_path, edit=lambda text: testbed)
 
 
-def test_a_rock_where_the_wheel_starts_says_so(tmp_path):
+def test_rocks_that_overlap_or_lie_where_a_wheel_starts_are_refused(tmp_path):
+    text = "rock[1] and the front wheel overlap at the start: move the rock (x, y or buried) or the rover (rover.start.x)"
+    assert text in refused(tmp_path, {"rock[1].x": 0.6, "rock[1].buried": 0.2})
+    second = "\n[[rock]]\nx = {}\nsize = {}\nseed = 3\n"
+    for x, size in ((0.82, "[0.16, 0.16, 0.08]"), (0.9, "[0.16, 0.16, 0.08]"), (0.82, "[0.05, 0.05, 0.04]")):
+        message = refused(tmp_path, edit=lambda t, x=x, size=size: t + second.format(x, size))
+        assert "rock[1] and rock[2] overlap at the start: move them apart" in message
+
+
+def test_a_pebble_in_millimetres_is_refused(tmp_path):
+    rock(1, (15.0, 12.0, 10.0)).export(tmp_path / "pebble.stl")
+    message = refused(tmp_path, edit=lambda t: t.replace("seed = 3", 'mesh = "pebble.stl"'))
+    assert "mesh = pebble.stl: the rock is 15 m across and weighs" in message and "is the mesh in millimetres?" in message
+
+
+def test_options_that_the_rocks_tier_does_not_ask_for_are_warned_of(tmp_path):
     source = tmp_path / "rocks.toml"
     source.write_text(SPARSE_ROCKS)
-    with pytest.raises(Exception, match=r"body 1, at \(0\.6, .*is overlapped by more than reach = 0\.005 m"):
-        simulate(source, tmp_path / "out", overrides={"rock[1].x": 0.6, "rock[1].buried": 0.2}, stop_time=0.01, picture=False)
+    warned = load_experiment(source, overrides={"rocks.tier": "VEM", "rock[1].restitution": 0.5, "vem.k": 1e7, "rock[1].k": 1e7}).warnings
+    assert [text.partition(":")[0] for text in warned] == ["--set rock[1].restitution", "--set vem.k"]
+    assert "no wheel stands on VEM's own ground; give rock[1].k" in warned[1]
+
+
+def test_a_drive_that_meets_no_rock_is_drawn(tmp_path):
+    source = tmp_path / "rocks.toml"
+    source.write_text(SPARSE_ROCKS)
+    outcome = simulate(source, tmp_path / "out", overrides={"rock[1].x": 50.0}, stop_time=0.02)
+    assert outcome.status == "complete" and (tmp_path / "out" / "result.png").exists()

@@ -74,6 +74,11 @@ class Surface:
     centre: np.ndarray
     inertia: np.ndarray
 
+    @property
+    def triangles(self) -> np.ndarray:
+        """Corners of all triangles [m], shape [n, 3, 3]."""
+        return self.arrays.vertices[self.arrays.triangles[:, CORNERS : CORNERS + 3], :3]
+
 
 def load_surface(path: str | Path, *, ground: bool = False) -> Surface:
     """Read the surface of a closed body, or with ``ground`` an open one that rays alone will meet; equal files are read once.

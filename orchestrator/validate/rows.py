@@ -50,7 +50,7 @@ class Row:
             return None
         low, high = self.bar
         known = self.error is not None and math.isfinite(self.error) and (self.stationary or not self.steady)
-        return known and (low is None or self.error >= low) and (high is None or self.error <= high)
+        return bool(known and (low is None or self.error >= low) and (high is None or self.error <= high))
 
     def facts(self) -> dict[str, object]:
         """As ``results.json`` has it; SI units."""
