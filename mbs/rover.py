@@ -30,9 +30,8 @@ from cdl_fmu.slave.records import Array, Choice, Real, Record
 from .implicit import ANCHOR, ROW
 from .interface import commands, joints
 from .rover_mjcf import STEERED, two_wheel
-from .rover_step import LOST, advance, is_at, observe, predict, show
+from .rover_step import LIMIT, LOST, advance, is_at, observe, predict, show
 
-_LIMIT = 1e6  # [m], [rad], [m/s], [rad/s]: a state beyond it is no rover's
 _RADIUS, _WIDTH, _MASS = 0.125, 0.125, 2.0  # wheel of Table 8.2, for the inertia it leaves out
 
 
@@ -81,9 +80,9 @@ class Rover(Model):
         wheel_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the wheel rate servo (assumption: stiff)", min=0.0, max=1e7),
         steer_servo_gain=Real(1e5, "N.m.s/rad", "Gain of the steering rate servo (assumption: stiff)", min=0.0, max=1e7),
         start=Record(
-            x=Real(0.3, "m", "Start position of the middle between the wheel centres; 0.3 puts the rear wheel at 0", (), -_LIMIT, _LIMIT),
-            y=Real(0.0, "m", "Start position of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
-            z=Real(_RADIUS, "m", "Start height of the middle between the wheel centres", (), -_LIMIT, _LIMIT),
+            x=Real(0.3, "m", "Start position of the middle between the wheel centres; 0.3 puts the rear wheel at 0", (), -LIMIT, LIMIT),
+            y=Real(0.0, "m", "Start position of the middle between the wheel centres", (), -LIMIT, LIMIT),
+            z=Real(_RADIUS, "m", "Start height of the middle between the wheel centres", (), -LIMIT, LIMIT),
             yaw=Real(0.0, "rad", "Start heading from the x axis, positive to the left", (), -10.0, 10.0),
             pitch=Real(0.0, "rad", "Start pitch, positive nose down", (), -1.5, 1.5),
         ),
@@ -173,9 +172,9 @@ _ROCK = Record(
     inertia=Real(
         (0.02, 0.02, 0.02, 0.0, 0.0, 0.0), "kg.m2", "Its inertia about the centre of mass: xx, yy, zz, xy, xz, yz", (6,), -1e5, 1e5
     ),
-    x=Real(0.0, "m", "Start position of its frame", (), -_LIMIT, _LIMIT),
-    y=Real(0.0, "m", "Start position of its frame", (), -_LIMIT, _LIMIT),
-    z=Real(0.0, "m", "Start position of its frame", (), -_LIMIT, _LIMIT),
+    x=Real(0.0, "m", "Start position of its frame", (), -LIMIT, LIMIT),
+    y=Real(0.0, "m", "Start position of its frame", (), -LIMIT, LIMIT),
+    z=Real(0.0, "m", "Start position of its frame", (), -LIMIT, LIMIT),
     yaw=Real(0.0, "rad", "Start rotation about z, then about the new y and x by pitch and roll", (), -10.0, 10.0),
     pitch=Real(0.0, "rad", "Start pitch", (), -1.5708, 1.5708),
     roll=Real(0.0, "rad", "Start roll", (), -10.0, 10.0),

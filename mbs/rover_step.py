@@ -33,7 +33,7 @@ from .implicit import (
 
 #: Status of a step that led nowhere.
 LOST = 1
-_LIMIT = 1e6  # [m], [rad], [m/s], [rad/s]: a state beyond it is no rover's
+LIMIT = 1e6  # [m], [rad], [m/s], [rad/s]: a state beyond it is no rover's
 
 
 @kernel
@@ -211,10 +211,10 @@ def advance(H, drives, dynamics, masses, where, soil, hard, anchors, lifted, row
         q_dot[d] += forces[d]
     _move_on(h, q, q_dot, len(applied) - len(soil[0]))
     for k in range(q.size):
-        if not abs(q[k]) <= _LIMIT:
+        if not abs(q[k]) <= LIMIT:
             return LOST
     for k in range(q_dot.size):
-        if not abs(q_dot[k]) <= _LIMIT:
+        if not abs(q_dot[k]) <= LIMIT:
             return LOST
     return 0
 

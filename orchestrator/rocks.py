@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from cdl_fmu.frames import axis_rotation
+from cdl_fmu.mesh.rocks import MOST_ROUGH
 from cdl_fmu.mesh.rocks import rock as generated
 from cdl_fmu.mesh.surface import Surface, load_surface
-from cdl_fmu.rbc import RBC
 from cdl_fmu.slave.kernel import cache_folder
 from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.slave.records import Real, Record
-from cdl_fmu.vem import VEM
+from fmus import ROCK_TIERS
 from mbs.rover import Rover
 
 from .settle import Wires
@@ -25,7 +25,7 @@ from .settle import Wires
 ROCKS = "rocks"
 
 #: What a hard contact model may ask of each body.
-_HARD = {name: field for model in (RBC(1, 1), VEM(1, 0, 1)) for name, field in model.parameters.fields["body"].record.fields.items()}
+_HARD = {name: field for kind in ROCK_TIERS.values() for name, field in kind(1, 1).parameters.fields["body"].record.fields.items()}
 #: Keys of a [[rock]].
 ROCK = Record(
     x=Real(0.0, "m", "Position of the rock's frame", (), -1e6, 1e6),
@@ -36,7 +36,7 @@ ROCK = Record(
     buried=Real(0.5, "1", "Share of the rock's height that lies below the ground, at rest", min=-10.0, max=1.0),
     density=Real(2700.0, "kg/m3", "Density of the rock (granite)", min=1.0, max=3e4),
     size=Real((0.2, 0.16, 0.12), "m", "Extents of a generated rock along its axes", (3,), 0.01, 3.0),
-    roughness=Real(0.2, "1", "Depth of a generated rock's cuts and lumps over its radius", min=0.0, max=0.5),
+    roughness=Real(0.2, "1", "Depth of a generated rock's cuts and lumps over its radius", min=0.0, max=MOST_ROUGH),
     seed=Real(1.0, "1", "Number of a generated rock's random shape", min=0.0, max=2.0**31),
     **{name: field for name, field in _HARD.items() if name != "mass"},
 )

@@ -33,7 +33,7 @@ def thin_out(contacts, first, n, spacing, most):
         _swap(contacts, kept, deepest)
         k = kept + 1
         while k < n:
-            if _square(contacts, kept, k) < spacing * spacing and _cosine(contacts, kept, k) > _ALIKE:
+            if at_one_place(contacts, kept, k, spacing):
                 n -= 1
                 _swap(contacts, k, n)
             else:
@@ -83,6 +83,12 @@ def shares(contacts, first, n, spacing, out):
                 total -= weight * contacts[d, GAP]
                 most = max(most, weight * min(1.0, -contacts[d, GAP] / depth))
         out[c] = most * contacts[c, WEIGHT] * depth / total
+
+
+@kernel(inline=True)
+def at_one_place(contacts, c, d, spacing):
+    """Whether two candidates are nearer than ``spacing`` [m] and face alike."""
+    return _square(contacts, c, d) < spacing * spacing and _cosine(contacts, c, d) > _ALIKE
 
 
 @kernel(inline=True)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _CUTS = 14  # flat faces that break off the ellipsoid
 _LUMPS = 12  # waves on it
-_MOST_ROUGH = 0.5
+MOST_ROUGH = 0.5
 
 
 def rock(seed: int, size: Sequence[float], roughness: float = 0.2, *, subdivisions: int = 2) -> trimesh.Trimesh:
@@ -34,8 +34,8 @@ def rock(seed: int, size: Sequence[float], roughness: float = 0.2, *, subdivisio
     for axis, extent in zip("xyz", size, strict=True):
         if not 0.0 < extent < np.inf:
             raise ModelError(f"size = {extent:g} m along {axis}: it must be above 0 m and finite (extent of a rock)")
-    if not 0.0 <= roughness <= _MOST_ROUGH:
-        raise ModelError(f"roughness = {roughness:g}: it must be within 0 and {_MOST_ROUGH:g} (depth of a rock's cuts over its radius)")
+    if not 0.0 <= roughness <= MOST_ROUGH:
+        raise ModelError(f"roughness = {roughness:g}: it must be within 0 and {MOST_ROUGH:g} (depth of a rock's cuts over its radius)")
     random = np.random.default_rng(seed)
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions)
     out = np.array(mesh.vertices)

@@ -24,7 +24,7 @@ def take_mobility(u, mobility):
 
 
 @kernel
-def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile, G, b, target, mu, v, twist, exact):
+def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile, G, b, target, mu, twist, exact):
     """Velocities per impulse G, free velocities b, what the normal ones have to reach, and friction."""
     n_wheels = len(wheels)
     for i in range(n_wheels + len(bodies)):
@@ -32,7 +32,7 @@ def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile
             twist[i, k] = wheels[i].v_0[k] if i < n_wheels else bodies[i - n_wheels].v_0[k]
             twist[i, 3 + k] = wheels[i].w_0[k] if i < n_wheels else bodies[i - n_wheels].w_0[k]
     for c in range(n):
-        on, against = 6 * int(rows[c, A]), 6 * int(rows[c, B])
+        on, against, approach = 6 * int(rows[c, A]), 6 * int(rows[c, B]), 0.0
         for r in range(3):
             now = free = 0.0
             for k in range(6):
@@ -40,9 +40,9 @@ def make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile
                 free += lever[c, r, k] * u.free_twist[on + k] + lever[c, r, 6 + k] * u.free_twist[against + k]
             b[3 * c + r] = free if exact else now
             if r == 0:
-                v[c] = now
+                approach = now
         slow = max(_PUSHED_OUT if exact else _PUSHED_OUT_SCALAR, _STEPS_OUT * h)
-        _bound(h, slow, p, laws, n_wheels, c, rows, b[3 * c], v[c], target, mu)
+        _bound(h, slow, p, laws, n_wheels, c, rows, b[3 * c], approach, target, mu)
     if not exact:
         _scalar_masses(p, laws, n_wheels, n, rows, G)
         return

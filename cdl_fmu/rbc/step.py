@@ -67,7 +67,7 @@ def step(t, h, P, laws, U, wheels, bodies, X, memory, kept, Y, wrenches, answers
         for i in range(n_wheels):
             if _gains(p, wheels[i], memory[i]):
                 warning = GROWS + STATUS_SPAN * i
-    make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile, G, b, target, mu, v, twist, exact)
+    make_problem(h, p, laws, u, wheels, bodies, n, rows, lever, mobility, mobile, G, b, target, mu, twist, exact)
     _start_from(p, n, rows, lever, kept, impulse)
     outcome, sweeps, residual = 0, 0, 0.0
     if n > 0 and h > 0.0:

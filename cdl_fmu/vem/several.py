@@ -13,7 +13,7 @@ from ..contact import has_pose
 from ..frames import cross, dot
 from ..mesh.contacts import GAP, NORMAL, POINT, WEIGHT, Scratch
 from ..mesh.pool import FOUND, MEMORY, N_MESHES
-from ..mesh.reduce import shares
+from ..mesh.reduce import at_one_place, shares
 from ..mesh.surface import Meshes
 from ..mesh.tools import (
     NO_DATA,
@@ -33,9 +33,6 @@ from ..terramechanics import bekker_modulus
 from ..wheel import tip_radius
 from .law import bekker, damping, friction_secant, linear
 from .single import LINEAR
-
-_ALIKE = math.cos(math.radians(20.0))  # of normals of one place
-
 
 #: What the kernels get: arrays of any length, so that one step serves models of all sizes.
 ARGUMENTS = ("p", "p.body", "u.wheel", "u.body", "x.wheel", "y.wheel", "y.body", "y.pair", "y.anchor", "y.diagnostics")
@@ -142,7 +139,7 @@ def _touch(p, law, on, tool, against, other, n, candidates, out, wrench, opposit
             deepest = max(deepest, -candidates[first, GAP])
         load = x = y = z = n_x = n_y = n_z = stiffness = damper = total = 0.0
         for c in range(n):
-            if out[c] <= 0.0 or not _is_one_place(candidates, first, c, p.spacing):
+            if out[c] <= 0.0 or not at_one_place(candidates, first, c, p.spacing):
                 continue
             k, d, f = _push(p, law, tool, other, candidates[c], out[c])
             out[c] = 0.0
@@ -159,24 +156,6 @@ def _touch(p, law, on, tool, against, other, n, candidates, out, wrench, opposit
         normal = n_x / length, n_y / length, n_z / length
         _act(p, law, on, tool, against, other, place, normal, load, stiffness, damper, wrench, opposite, pairs, slot)
         slot += 1
-
-
-@kernel
-def _is_one_place(candidates, c, d, spacing):
-    x, y, z = (
-        candidates[c, POINT] - candidates[d, POINT],
-        candidates[c, POINT + 1] - candidates[d, POINT + 1],
-        candidates[c, POINT + 2] - candidates[d, POINT + 2],
-    )
-    cosine = dot(
-        candidates[c, NORMAL],
-        candidates[c, NORMAL + 1],
-        candidates[c, NORMAL + 2],
-        candidates[d, NORMAL],
-        candidates[d, NORMAL + 1],
-        candidates[d, NORMAL + 2],
-    )
-    return dot(x, y, z, x, y, z) < spacing * spacing and cosine > _ALIKE
 
 
 @kernel
