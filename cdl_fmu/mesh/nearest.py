@@ -52,6 +52,18 @@ def nearest_on_triangle(vertices, triangles, t, x, y, z):
 
 
 @kernel(inline=True)
+def feature_normal(meshes, t, where):
+    """Unit normal of the face, edge or vertex where a nearest point is on triangle t: which side of it tells inside from outside."""
+    if where == WITHIN:
+        return meshes.normals[t, 0], meshes.normals[t, 1], meshes.normals[t, 2]
+    if where >= EDGE:
+        k = meshes.triangles[t, EDGES + where - EDGE]
+        return meshes.edge_normals[k, 0], meshes.edge_normals[k, 1], meshes.edge_normals[k, 2]
+    k = meshes.triangles[t, CORNERS + where - CORNER]
+    return meshes.vertices[k, 3], meshes.vertices[k, 4], meshes.vertices[k, 5]
+
+
+@kernel(inline=True)
 def vertex_weight(cosine):
     """Weight of a vertex' contact by the cosine between its normal and the surface's."""
     return 1.0 - taper((OPPOSES - cosine) / (OPPOSES - _CLEARLY))
@@ -102,15 +114,10 @@ def signed_distance(meshes, root, x, y, z, v_x, v_y, v_z, margin, stack):
                 opposed, best = side, t
             if d < square:
                 square, found, at_corner = d, True, CORNER <= where < EDGE
+                m_x, m_y, m_z = feature_normal(meshes, t, where)
                 if where == WITHIN:
                     gap, n_x, n_y, n_z = side, m_x, m_y, m_z
                     continue
-                if at_corner:
-                    k = triangles[t, CORNERS + where - CORNER]
-                    m_x, m_y, m_z = vertices[k, 3], vertices[k, 4], vertices[k, 5]
-                else:
-                    k = triangles[t, EDGES + where - EDGE]
-                    m_x, m_y, m_z = meshes.edge_normals[k, 0], meshes.edge_normals[k, 1], meshes.edge_normals[k, 2]
                 gap = math.copysign(math.sqrt(d), dot(d_x, d_y, d_z, m_x, m_y, m_z))
                 n_x, n_y, n_z = m_x, m_y, m_z
                 if abs(gap) > _TOUCHING:

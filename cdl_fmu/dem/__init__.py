@@ -1,0 +1,1 @@
+"""DEM: soil as particles."""
