@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ..frames import dot
-from ..mesh.nearest import WITHIN, feature_normal, nearest_on_triangle
-from ..mesh.surface import CORNERS
+from ..mesh.nearest import CORNER, EDGE, WITHIN, feature_normal, nearest_on_triangle
+from ..mesh.surface import CORNERS, EDGES, FACES
 from ..mesh.tree import FIRST_TRIANGLE, LAST_TRIANGLE, RIGHT, distance_to_box
 from ..slave.kernel import kernel
 from .touch import DISTANCE, MOST, NORMAL
@@ -69,7 +69,11 @@ def mesh_touches(meshes, root, x, y, z, reach, stack, out):
             if side < 0.0:
                 continue
             d = math.sqrt(d)
-            if d > _TOUCHING and (where == WITHIN or _is_minimum(meshes, root, x, y, z, p_x, p_y, p_z, d, stack, top)):
+            if d <= _TOUCHING:
+                continue
+            if where == WITHIN or (
+                not _neighbour_is_nearer(meshes, t, where, x, y, z, d) and _is_minimum(meshes, root, x, y, z, p_x, p_y, p_z, d, stack, top)
+            ):
                 n = _insert(out, n, d, d_x / d, d_y / d, d_z / d)
     if at < 0:
         return 0
@@ -82,6 +86,23 @@ def mesh_touches(meshes, root, x, y, z, reach, stack, out):
         d = -d
         n_x, n_y, n_z = (x - q_x) / d, (y - q_y) / d, (z - q_z) / d
     return _insert(out, 0, d, n_x, n_y, n_z)
+
+
+@kernel
+def _neighbour_is_nearer(meshes, t, where, x, y, z, distance):
+    """Whether a face across the edge, or across the edges of the corner, where a nearest point is on triangle t, has a nearer one.
+
+    That settles most of them, and without a search.
+    """
+    square = (distance - _ROUNDING) * (distance - _ROUNDING)
+    edge = where - EDGE if where >= EDGE else where - CORNER
+    for k in range(1 if where >= EDGE else 2):
+        e = meshes.triangles[t, EDGES + (edge + 2 * k) % 3]
+        other = meshes.edges[e, FACES] if meshes.edges[e, FACES] != t else meshes.edges[e, FACES + 1]
+        p_x, p_y, p_z, _ = nearest_on_triangle(meshes.vertices, meshes.triangles, other, x, y, z)
+        if _square(p_x - x, p_y - y, p_z - z) < square:
+            return True
+    return False
 
 
 @kernel
