@@ -80,10 +80,9 @@ class OnMesh:
         rows = []
         for t in np.flatnonzero(facing & (distance < reach)):
             holds = self.nearest(nearest[t])[1] < 1e-9
-            known = any(np.linalg.norm(nearest[t] - point + row[0] * row[1:]) < 1e-7 for row in rows)
-            if not known and distance[holds].min() > distance[t] - 1e-13:
+            if distance[holds].min() > distance[t] - 1e-13:
                 rows.append(np.array([distance[t], *(point - nearest[t]) / distance[t]]))
-        return np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 4)
+        return apart(rows)
 
 
 def voxels(filled, side=0.01):
@@ -110,6 +109,15 @@ def floor_with(*walls):
     return {(i, j, 0) for i in range(3) for j in range(3)} | set(walls)
 
 
+def apart(rows):
+    """Rows that have no nearer one within 10 degrees, nearest first."""
+    kept = []
+    for row in sorted(rows, key=lambda row: row[DISTANCE]):
+        if all(row[NORMAL:] @ other[NORMAL:] <= 0.985 for other in kept):
+            kept.append(row)
+    return np.array(kept).reshape(-1, TOUCH)
+
+
 def total(rows, reach):
     return (reach - met(rows)[:, DISTANCE]).sum()
 
@@ -125,7 +133,7 @@ def test_the_nearest_row_is_the_wheels_distance_and_rows_keep_to_reach(wheel):
         assert rows[:, DISTANCE].min(initial=REACH) == pytest.approx(min(exact, REACH), abs=1e-14)
         assert (rows[:, DISTANCE] < REACH).all()
         n_met += len(rows)
-    assert n_met > 800
+    assert n_met > 500
 
 
 @pytest.mark.parametrize("wheel", WHEELS[:5], ids=str)
@@ -212,8 +220,9 @@ def test_the_wheel_is_touched_as_its_mesh_is(wheel):
         rows, on_mesh = met(on_wheel(point, wheel=wheel)), mesh.rows(point, REACH)
         if (np.abs(rows[:, DISTANCE] - REACH) < 2 * chord).any():
             continue  # in reach of one and not of the other
+        rows = apart(rows)
         assert len(rows) == len(on_mesh)
-        assert np.sort(rows[:, DISTANCE]) == pytest.approx(on_mesh[:, DISTANCE], abs=1.01 * chord)
+        assert rows[:, DISTANCE] == pytest.approx(on_mesh[:, DISTANCE], abs=1.01 * chord)
         seen.append(len(rows))
     assert {0, 1} <= set(seen) and (wheel["n_g"] < 7 or 2 in seen)
 
@@ -346,6 +355,25 @@ def test_parts_that_touch_are_one_floor():
     touched = OnMesh(trimesh.util.concatenate(parts))
     for x in (0.018, 0.02, 0.0213):
         assert touched.rows((x, 0.003, 0.022), 0.005) == pytest.approx(np.array([[0.002, 0, 0, 1]]))
+
+
+def test_a_tessellated_bowl_is_touched_once():
+    """A sphere in a tube, on the facets' middles and over their seams, which are concave."""
+    touched, half = OnMesh(trimesh.creation.annulus(0.05, 0.06, 0.04, sections=96)), math.pi / 96
+    for angle in np.linspace(0.0, 0.3, 200):
+        height = 0.05 * math.cos(half) - 0.046 * math.cos((angle % (2.0 * half)) - half)
+        rows = touched.rows((0.046 * math.cos(angle), 0.046 * math.sin(angle), 0.003), 0.006)
+        assert rows[:, DISTANCE] == pytest.approx([height], abs=1e-12)
+
+
+def test_flat_faces_of_single_precision_are_touched_once():
+    mesh = trimesh.creation.box((0.04, 0.04, 0.04)).subdivide().subdivide().subdivide()
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1.0, 2.0, 3.0), (0.1, 0.0, 0.0)))
+    top, towards = mesh.triangles[mesh.face_normals @ mesh.face_normals[0] > 0.999], mesh.face_normals[0]
+    touched = OnMesh(trimesh.Trimesh(mesh.vertices.astype(np.float32), mesh.faces, process=False))
+    for point in np.concatenate([top[:, 0], top.mean(axis=1), 0.5 * (top[:, 0] + top[:, 1])]):
+        rows = touched.rows(point + 0.004 * towards, 0.005)
+        assert rows == pytest.approx(np.array([[0.004, *towards]]), abs=1e-5)
 
 
 def test_a_turned_mesh_is_touched_alike():

@@ -9,21 +9,24 @@ from ..mesh.nearest import CORNER, EDGE, WITHIN, feature_normal, nearest_on_tria
 from ..mesh.surface import CORNERS, EDGES, FACES
 from ..mesh.tree import FIRST_TRIANGLE, LAST_TRIANGLE, RIGHT, distance_to_box
 from ..slave.kernel import kernel
-from .touch import DISTANCE, MOST, NORMAL
+from .touch import DISTANCE, MOST, NORMAL, TOUCH
 
 _TOUCHING = 1e-12  # [m] from the surface, below which the direction from there is rounding
 _ROUNDING = 1e-14  # [m] by which one triangle must be nearer than another to count as nearer
 _ON = 1e-9  # [m] from a triangle, within which it holds a point
-_ONE_PLACE = 1e-7  # [m] between two points that are one: on a flat face they can differ by sqrt(2 _ROUNDING) of the distance
+# Own choice: cosine of 10 degrees between two rows, above which they are one. Where two faces meet so flatly that a sphere overlaps both by
+# more than 1 - cos of their angle, it would press twice on one spot: seams of flat faces in files of single precision, tessellated bowls.
+_ONE_DIRECTION = 0.985
 
 
 @kernel
 def mesh_touches(meshes, root, x, y, z, reach, stack, out):
     """Rows of a sphere on a closed mesh, in the mesh's frame, deepest first: one on a face or over a convex edge, two or three in a corner.
 
-    A point on a face is a row; one on an edge or at a vertex if no triangle that holds it has a nearer point. A face that looks away from
-    the centre gives none, so that a plate thinner than the sphere pushes it back to its own side. A centre within the mesh has one row,
-    of the nearest point of the surface; one that is as deep as ``reach`` has none.
+    A point on a face is a row; one on an edge or at a vertex if no triangle that holds it has a nearer point. Of rows whose directions are
+    within 10 degrees only the nearest counts. A face that looks away from the centre gives none, so that a plate thinner than the sphere
+    pushes it back to its own side. A centre within the mesh has one row, of the nearest point of the surface; one as deep as ``reach`` has
+    none.
 
     A face that lies within another part of the mesh counts as any other: join parts that overlap before.
 
@@ -137,26 +140,26 @@ def _square(x, y, z):
 
 @kernel
 def _insert(out, n, distance, n_x, n_y, n_z):
-    """Put a row where its distance belongs, unless its point of the surface has one; the last one falls out if there are MOST."""
+    """Put a row where its distance belongs and return how many there are now; of rows in one direction the nearest stays."""
+    kept = 0
     for k in range(n):
-        d = out[k, DISTANCE]
-        # Seen from the centre.
-        if (
-            _square(
-                d * out[k, NORMAL] - distance * n_x,
-                d * out[k, NORMAL + 1] - distance * n_y,
-                d * out[k, NORMAL + 2] - distance * n_z,
-            )
-            < _ONE_PLACE * _ONE_PLACE
-        ):
-            return n
-    k = n if n < MOST else MOST - 1
-    if n == MOST and distance >= out[k, DISTANCE]:
-        return n
+        if dot(out[k, NORMAL], out[k, NORMAL + 1], out[k, NORMAL + 2], n_x, n_y, n_z) > _ONE_DIRECTION:
+            # Nearer rows come first: none is left out by the time that one of them is found.
+            if out[k, DISTANCE] <= distance:
+                return n
+        else:
+            for column in range(TOUCH):
+                out[kept, column] = out[k, column]
+            kept += 1
+    if kept == MOST:
+        if out[MOST - 1, DISTANCE] <= distance:
+            return MOST
+        kept -= 1
+    k = kept
     while k > 0 and out[k - 1, DISTANCE] > distance:
-        for column in range(NORMAL + 3):
+        for column in range(TOUCH):
             out[k, column] = out[k - 1, column]
         k -= 1
     out[k, DISTANCE] = distance
     out[k, NORMAL], out[k, NORMAL + 1], out[k, NORMAL + 2] = n_x, n_y, n_z
-    return min(n + 1, MOST)
+    return kept + 1
