@@ -1,0 +1,115 @@
+"""Substeps: lists where they are too old, forces of particles on each other and of tools, and motion.
+
+Threads share the work by slabs of the bed and by parts of a tool's touches, in an order that depends on no number of threads, so that no
+result does. The pairs of a slab reach into the next one: first the even slabs work at once, then the odd ones.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from ..slave.kernel import kernel
+from .lists import find_pairs, place_pairs, sort_particles, take_lists
+from .motion import move_particles
+from .pairs import slab_forces
+from .particles import SLABS, STALE, Particles
+from .tools import CHUNKS, FELT, Tools, arrive, go_on, set_out
+from .touches import gather_felt, list_touches, touch_forces
+
+#: How many substeps lists are made for: margins are as wide as particles move in that time. Own choice, by speed.
+HORIZON = 60
+
+
+@kernel
+def set_all_out(tools, h, n_steps):
+    """Send all tools on their way to their goals, and clear what they feel."""
+    for t in range(len(tools.kinds)):
+        set_out(tools, t, h, n_steps)
+        for c in range(FELT):
+            tools.sums[t, c] = 0.0
+
+
+@kernel
+def move_tools(grains, tools, n_steps, dt):
+    """Move all tools by a substep after what they felt in it is added to their sums."""
+    for t in range(len(tools.kinds)):
+        gather_felt(tools, t, 1.0 / n_steps)
+        if go_on(tools, t, dt):
+            grains.count[STALE] = 1
+
+
+@kernel
+def arrive_all(tools):
+    """All tools are at their goals."""
+    for t in range(len(tools.kinds)):
+        arrive(tools, t)
+
+
+@kernel
+def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
+    """Go on by n_steps substeps of dt [s] while the tools move to their goals; False if the lists have no room, and nothing is of use then.
+
+    Args:
+        grains_arrays: Arrays of ``Particles``.
+        tools_arrays: Arrays of ``Tools``.
+        meshes: Surfaces of the bodies, ``mesh.surface.Meshes``.
+        law: Contact law of the particles, [LAW].
+        gravity: Acceleration of gravity [m/s2], [3].
+        dt: Substep [s].
+        n_steps: Number of substeps.
+    """
+    grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
+    count = grains.count
+    set_all_out(tools, n_steps * dt, n_steps)
+    for _ in range(n_steps):
+        if count[STALE]:
+            sort_particles(grains, HORIZON * dt)
+            for s in range(count[SLABS]):
+                find_pairs(grains, s, False)
+            if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
+                return False
+            for s in range(count[SLABS]):
+                find_pairs(grains, s, True)
+            take_lists(grains)
+        for s in range(count[SLABS]):
+            slab_forces(grains, law, s)
+        for t in range(len(tools.kinds)):
+            for chunk in range(CHUNKS):
+                touch_forces(grains, tools, meshes, t, chunk)
+        for s in range(count[SLABS]):
+            move_particles(grains, dt, gravity, s)
+        move_tools(grains, tools, n_steps, dt)
+    arrive_all(tools)
+    return True
+
+
+@kernel(parallel=True)
+def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
+    """``advance`` with several threads."""
+    grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
+    count = grains.count
+    set_all_out(tools, n_steps * dt, n_steps)
+    for _ in range(n_steps):
+        if count[STALE]:
+            sort_particles(grains, HORIZON * dt)
+            for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
+                find_pairs(Particles(*grains_arrays), np.int64(s), False)
+            if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
+                return False
+            for s in numba.prange(count[SLABS]):
+                find_pairs(Particles(*grains_arrays), np.int64(s), True)
+            take_lists(grains)
+        half = count[SLABS] // 2
+        for s in numba.prange(half):
+            slab_forces(Particles(*grains_arrays), law, 2 * np.int64(s))
+        for s in numba.prange(half):
+            slab_forces(Particles(*grains_arrays), law, 2 * np.int64(s) + 1)
+        for t in range(len(tools.kinds)):
+            for chunk in numba.prange(CHUNKS):
+                touch_forces(Particles(*grains_arrays), Tools(*tools_arrays), meshes, t, np.int64(chunk))
+        for s in numba.prange(count[SLABS]):
+            move_particles(Particles(*grains_arrays), dt, gravity, np.int64(s))
+        move_tools(grains, tools, n_steps, dt)
+    arrive_all(tools)
+    return True

@@ -1,0 +1,54 @@
+"""Materials of particles and of what touches them: their declaration, the law's numbers, and the longest stable time step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .law import law_of
+
+#: Share of the Rayleigh time that a time step lasts, at most (Thornton 2015), and as chosen by default.
+LARGEST_SHARE, SHARE = 0.2, 0.13
+
+
+@dataclass(frozen=True)
+class Material:
+    """One material and its contacts with itself.
+
+    Attributes:
+        E: Young's modulus [Pa]; far below that of real grains, which changes little as long as overlaps are below 1 % of the diameter.
+        nu: Poisson's ratio.
+        e: Coefficient of restitution.
+        mu: Coefficient of friction.
+        mu_r: Coefficient of rolling friction.
+        cohesion: Pull of a contact over the square of the diameter of equal particles [Pa].
+        density: Density of the grains [kg/m3].
+        linear: Linear contacts in place of Hertz'.
+    """
+
+    E: float = 1e7
+    nu: float = 0.3
+    e: float = 0.5
+    mu: float = 0.5
+    mu_r: float = 0.1
+    cohesion: float = 0.0
+    density: float = 2600.0
+    linear: bool = False
+
+    def law(self, dt: float) -> np.ndarray:
+        """The law's numbers for substeps of dt [s]."""
+        return law_of(self.E, self.nu, self.e, self.mu, self.mu_r, self.cohesion, self.density, dt, self.linear)
+
+    def largest_time_step(self, radius: float) -> float:
+        """Longest stable substep [s] for the smallest radius [m]."""
+        return LARGEST_SHARE * self._rayleigh_time(radius)
+
+    def time_step(self, radius: float) -> float:
+        """Substep [s] that is chosen for the smallest radius [m]."""
+        return SHARE * self._rayleigh_time(radius)
+
+    def _rayleigh_time(self, radius: float) -> float:
+        shear_modulus = self.E / (2.0 * (1.0 + self.nu))
+        return math.pi * radius * math.sqrt(self.density / shear_modulus) / (0.163 * self.nu + 0.8766)

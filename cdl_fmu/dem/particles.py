@@ -1,0 +1,101 @@
+"""What a bed of particles is in memory: packed records of particles, their lists of neighbours, and the history of their contacts."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+#: Columns of a particle: centre [m], radius [m], velocity [m/s], mass [kg], angular velocity [rad/s], and 1 if it moves, 0 if it is held.
+#: What one contact reads of a particle lies together.
+X, Y, Z, R, V_X, V_Y, V_Z, M, W_X, W_Y, W_Z, FREE = range(12)
+PARTICLE = 12
+
+#: Contacts of a block. Their history lies as a structure of arrays, so that a loop over a block is vectorised; a power of two would make
+#: all its rows compete for the same lines of the processor's cache.
+LENGTH = 136
+#: Rows of a block's history: tangential displacement of the pair's first particle against the second, and rolling angle, in world axes.
+SHEAR, ROLL, HISTORY = 0, 3, 6
+
+#: Places in ``count``: particles; which of both sides of the arrays is in use; pairs; slabs; cells along x, y, z; 1 if lists are too old.
+N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, COUNT = range(9)
+
+#: Room for pairs, for each particle; spheres of two sizes have about 3 that touch.
+PAIRS_EACH = 8
+#: Rows of the memory in which a slab works on a block: see ``pairs``.
+BUFFER = 14
+
+#: Most slabs of the bed, cut across x, that threads work on at once.
+MOST_SLABS = 256
+
+
+class Particles(NamedTuple):
+    """Arrays of a bed of n particles with room for m pairs. Lists are made anew from one side of an array to the other.
+
+    Attributes:
+        count: Numbers, int64 [COUNT].
+        periods: Lengths after which the bed repeats itself along x and y [m], 0 = not at all, [2].
+        body: Records of particles, [2, n, PARTICLE].
+        ident: Numbers by which particles are known for ever, int64 [2, n].
+        force: Force [N] and torque [N.m] on each particle, [n, 6].
+        built: Position of each particle as its list was made [m], and how far it may move until the list is too old [m], [n, 4].
+        first: Where the pairs of each particle begin, int64 [2, n + 1].
+        partner: The other particle of each pair, int32 [2, m].
+        history: Of the pairs, in blocks: flat, [2, blocks * HISTORY * LENGTH].
+        cell: Cell of each particle in the old and in the new order, int64 [2, n].
+        cells: Where the particles of each cell begin, int64.
+        order: Index that each particle had before its list was made, int64 [n].
+        slabs: Where the particles of each slab begin, int64 [MOST_SLABS + 1].
+        blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH].
+    """
+
+    count: np.ndarray
+    periods: np.ndarray
+    body: np.ndarray
+    ident: np.ndarray
+    force: np.ndarray
+    built: np.ndarray
+    first: np.ndarray
+    partner: np.ndarray
+    history: np.ndarray
+    cell: np.ndarray
+    cells: np.ndarray
+    order: np.ndarray
+    slabs: np.ndarray
+    blocks: np.ndarray
+
+
+def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.float64) -> Particles:
+    """Particles at rest.
+
+    Args:
+        positions: Centres [m], [n, 3].
+        radii: [m], [n].
+        density: Of the grains [kg/m3].
+        periods: As in ``Particles``.
+        precision: Type of the numbers of contacts, float64 or float32; positions and velocities are float64.
+    """
+    n = len(positions)
+    body = np.zeros((2, n, PARTICLE))
+    body[0, :, X : X + 3], body[0, :, R], body[0, :, FREE] = positions, radii, 1.0
+    body[0, :, M] = 4.0 / 3.0 * math.pi * density * np.asarray(radii) ** 3
+    count = np.zeros(COUNT, np.int64)
+    count[N], count[STALE] = n, 1
+    pairs = PAIRS_EACH * n
+    return Particles(
+        count=count,
+        periods=np.array(periods, float),
+        body=body,
+        ident=np.tile(np.arange(n), (2, 1)),
+        force=np.zeros((n, 6)),
+        built=np.zeros((n, 4)),
+        first=np.zeros((2, n + 1), np.int64),
+        partner=np.zeros((2, pairs), np.int32),
+        history=np.zeros((2, (pairs // LENGTH + 1) * HISTORY * LENGTH), precision),
+        cell=np.zeros((2, n), np.int64),
+        cells=np.zeros(4 * n + 1000, np.int64),
+        order=np.arange(n),
+        slabs=np.zeros(MOST_SLABS + 1, np.int64),
+        blocks=np.zeros((MOST_SLABS, BUFFER * LENGTH), precision),
+    )
