@@ -66,28 +66,20 @@ class Particles(NamedTuple):
     blocks: np.ndarray
 
 
-def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.float64) -> Particles:
-    """Particles at rest.
+def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64) -> Particles:
+    """Room for n particles.
 
     Args:
-        positions: Centres [m], [n, 3].
-        radii: [m], [n].
-        density: Of the grains [kg/m3].
+        n: Most particles.
         periods: As in ``Particles``.
         precision: Type of the numbers of contacts, float64 or float32; positions and velocities are float64.
     """
-    n = len(positions)
-    body = np.zeros((2, n, PARTICLE))
-    body[0, :, X : X + 3], body[0, :, R], body[0, :, FREE] = positions, radii, 1.0
-    body[0, :, M] = 4.0 / 3.0 * math.pi * density * np.asarray(radii) ** 3
-    count = np.zeros(COUNT, np.int64)
-    count[N], count[STALE] = n, 1
     pairs = PAIRS_EACH * n
     return Particles(
-        count=count,
+        count=np.zeros(COUNT, np.int64),
         periods=np.array(periods, float),
-        body=body,
-        ident=np.tile(np.arange(n), (2, 1)),
+        body=np.zeros((2, n, PARTICLE)),
+        ident=np.zeros((2, n), np.int64),
         force=np.zeros((n, 6)),
         built=np.zeros((n, 4)),
         first=np.zeros((2, n + 1), np.int64),
@@ -99,3 +91,27 @@ def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
         blocks=np.zeros((MOST_SLABS, BUFFER * LENGTH), precision),
     )
+
+
+def particles_of(positions, radii, density, **options) -> Particles:
+    """Particles at rest.
+
+    Args:
+        positions: Centres [m], [n, 3].
+        radii: [m], [n].
+        density: Of the grains [kg/m3].
+        **options: As for ``empty_particles``.
+    """
+    n = len(positions)
+    particles = empty_particles(n, **options)
+    body = particles.body[0]
+    body[:, X : X + 3], body[:, R], body[:, FREE] = positions, radii, 1.0
+    body[:, M] = mass_of(np.asarray(radii), density)
+    particles.ident[0] = np.arange(n)
+    particles.count[N], particles.count[STALE] = n, 1
+    return particles
+
+
+def mass_of(radius, density):
+    """Mass of a sphere [kg]."""
+    return 4.0 / 3.0 * math.pi * density * radius**3

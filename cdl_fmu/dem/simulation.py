@@ -45,13 +45,7 @@ class Tool:
 
     @property
     def shape(self) -> np.ndarray:
-        shape = np.zeros(SHAPE)
-        if self.wheel:
-            r_w, b_w, n_g, h_g, _ = self.wheel
-            shape[:] = *self.wheel, math.hypot(r_w + (h_g if n_g else 0.0), 0.5 * b_w)
-        elif self.surface:
-            shape[-1] = np.linalg.norm(self.surface.triangles.reshape(-1, 3), axis=1).max()
-        return shape
+        return mesh_shape(self.surface) if self.surface else wheel_shape(*self.wheel) if self.wheel else np.zeros(SHAPE)
 
 
 class Simulation:

@@ -11,6 +11,7 @@ from .tools import (
     CHUNKS,
     CONTACTS,
     DAMPER,
+    DEEPEST,
     FELT,
     FORCE,
     H_G,
@@ -43,6 +44,8 @@ _SAME = 0.7  # own choice: cosine between the normals of one contact in two subs
 @kernel
 def rows_of(tools, meshes, t, x, y, z, reach, stack, rows):
     """Where a sphere of radius ``reach`` [m] about a point of the world touches tool t: the number of rows, in the tool's own frame."""
+    if tools.present[t] == 0:
+        return 0
     pose, shape = tools.poses[t], tools.shapes[t]
     x, y, z = x - pose[POSITION], y - pose[POSITION + 1], z - pose[POSITION + 2]
     if tools.kinds[t] == PLANE:
@@ -173,6 +176,7 @@ def touch_forces(grains, tools, meshes, t, chunk):
             felt[MIDDLE + 1] += s_n * p_y
             felt[MIDDLE + 2] += s_n * p_z
             felt[CONTACTS] += 1.0
+            felt[DEEPEST] = max(felt[DEEPEST], 1.0 - distance / r)
 
 
 @kernel
@@ -190,6 +194,9 @@ def add_stiffness(felt, at, s, n_x, n_y, n_z):
 def gather_felt(tools, t, share):
     """Add this share of what the parts of tool t's touches felt in a substep to its sums, and clear the parts."""
     for chunk in range(CHUNKS):
+        felt = tools.felt[t, chunk]
+        tools.sums[t, DEEPEST] = max(tools.sums[t, DEEPEST], felt[DEEPEST])
+        for c in range(DEEPEST):
+            tools.sums[t, c] += share * felt[c]
         for c in range(FELT):
-            tools.sums[t, c] += share * tools.felt[t, chunk, c]
-            tools.felt[t, chunk, c] = 0.0
+            felt[c] = 0.0
