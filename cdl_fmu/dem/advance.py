@@ -72,7 +72,9 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
             for s in range(count[SLABS]):
                 find_pairs(grains, s, True)
             take_lists(grains)
-        for s in range(count[SLABS]):
+        for s in range(0, count[SLABS], 2):
+            slab_forces(grains, law, s)
+        for s in range(1, count[SLABS], 2):
             slab_forces(grains, law, s)
         for t in range(len(tools.kinds)):
             for chunk in range(CHUNKS):
