@@ -70,9 +70,10 @@ def tools_of(kinds, shapes, roots, laws, n_particles) -> Tools:
 
     Args:
         kinds, shapes, roots, laws: As in ``Tools``.
-        n_particles: Number of particles, each of which may touch two tools.
+        n_particles: Number of particles, each of which may touch two tools; of a few particles, all tools.
     """
-    n, touches = len(kinds), 2 * n_particles
+    n = len(kinds)
+    touches = min(n * n_particles, 2 * n_particles + 1000)
     poses = np.zeros((n, POSE))
     poses[:, ROTATION : ROTATION + 9] = np.eye(3).ravel()
     return Tools(
