@@ -14,6 +14,9 @@ from .particles import (
     CELLS_Y,
     CELLS_Z,
     HISTORY,
+    LARGEST_MARGIN,
+    LEAST_CELLS,
+    LEAST_MARGIN,
     LENGTH,
     MOST_SLABS,
     PAIRS,
@@ -30,9 +33,6 @@ from .particles import (
     Y,
     Z,
 )
-
-#: Margins [radii]: of a particle at rest, and the largest one. Own choice, by speed.
-LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
 
 
 @kernel
@@ -60,14 +60,22 @@ def sort_particles(grains, horizon):
     if period_y > 0.0:
         y_0, y_1 = 0.0, period_y
     side_x = side_y = side_z = 2.0 * reach
-    while ((x_1 - x_0) / side_x + 1.0) * ((y_1 - y_0) / side_y + 1.0) * ((z_1 - z_0) / side_z + 1.0) > len(grains.cells) - 1:
-        side_x, side_y, side_z = 1.2 * side_x, 1.2 * side_y, 1.2 * side_z
+    # Longer cells where there are most: a particle that flies far away spoils one direction only, and a period keeps its three cells.
+    along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
+    while along_x * along_y * along_z > len(grains.cells) - 1:
+        if along_x >= along_y and along_x >= along_z:
+            side_x *= 1.2
+        elif along_y >= along_z:
+            side_y *= 1.2
+        else:
+            side_z *= 1.2
+        along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
     n_x, n_y, n_z = math.floor((x_1 - x_0) / side_x) + 1, math.floor((y_1 - y_0) / side_y) + 1, math.floor((z_1 - z_0) / side_z) + 1
     if period_x > 0.0:
-        n_x = max(n_x - 1, 1)
+        n_x = max(n_x - 1, LEAST_CELLS)
         side_x = period_x / n_x
     if period_y > 0.0:
-        n_y = max(n_y - 1, 1)
+        n_y = max(n_y - 1, LEAST_CELLS)
         side_y = period_y / n_y
     count[CELLS_X], count[CELLS_Y], count[CELLS_Z] = n_x, n_y, n_z
     # Counting sort by cells, z fastest.
