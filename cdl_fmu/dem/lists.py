@@ -34,10 +34,16 @@ from .particles import (
     Z,
 )
 
+#: Sum of the coordinates [m] beyond which a particle is lost. Own choice.
+FURTHEST = 1e6
+
 
 @kernel
 def sort_particles(grains, horizon):
-    """Sort the particles by cells, with margins for ``horizon`` [s]; their pairs are to be found next."""
+    """Sort the particles by cells, with margins for ``horizon`` [s]; their pairs are to be found next.
+
+    Returns False, with nothing done, if a particle is nowhere: its position is no number or beyond ``FURTHEST``.
+    """
     count = grains.count
     n, side = count[N], count[SIDE]
     old, new, built = grains.body[side], grains.body[1 - side], grains.built
@@ -50,6 +56,8 @@ def sort_particles(grains, horizon):
         if period_y > 0.0:
             old[i, Y] -= period_y * math.floor(old[i, Y] / period_y)
         x, y, z, r = old[i, X], old[i, Y], old[i, Z], old[i, R]
+        if not abs(x) + abs(y) + abs(z) < FURTHEST:
+            return False
         speed = math.sqrt(old[i, V_X] ** 2 + old[i, V_Y] ** 2 + old[i, V_Z] ** 2)
         margin = min(max(speed * horizon, LEAST_MARGIN * r), LARGEST_MARGIN * r)
         grains.force[i, 0] = margin  # in their old order
@@ -115,6 +123,7 @@ def sort_particles(grains, horizon):
         grains.slabs[s] = cells[min((s * n_x) // slabs if period_x > 0.0 else (s * (n_x + n_x % 2)) // slabs, n_x) * n_y * n_z]
     grains.slabs[slabs] = n
     count[SLABS] = slabs
+    return True
 
 
 @kernel
