@@ -1,4 +1,4 @@
-"""Particles for tests: in their first order, at random without overlap, in boxes of planes; and the law of their contacts in plain Python."""
+"""Particles for tests: in their first order, at random without overlap, in boxes of planes; and their law in plain Python."""
 
 import math
 
