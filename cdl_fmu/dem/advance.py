@@ -48,7 +48,9 @@ def arrive_all(tools):
 
 @kernel
 def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
-    """Go on by n_steps substeps of dt [s] while the tools move to their goals; False if the lists have no room, and nothing is of use then.
+    """Go on by n_steps substeps of dt [s] while the tools move to their goals.
+
+    Returns False if particles are lost or the lists have no room; nothing is of use then.
 
     Args:
         grains_arrays: Arrays of ``Particles``.
@@ -64,7 +66,8 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
-            sort_particles(grains, HORIZON * dt)
+            if not sort_particles(grains, HORIZON * dt):
+                return False
             for s in range(count[SLABS]):
                 find_pairs(grains, s, False)
             if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
@@ -72,7 +75,9 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
             for s in range(count[SLABS]):
                 find_pairs(grains, s, True)
             take_lists(grains)
-        for s in range(count[SLABS]):
+        for s in range(0, count[SLABS], 2):
+            slab_forces(grains, law, s)
+        for s in range(1, count[SLABS], 2):
             slab_forces(grains, law, s)
         for t in range(len(tools.kinds)):
             for chunk in range(CHUNKS):
@@ -92,7 +97,8 @@ def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
-            sort_particles(grains, HORIZON * dt)
+            if not sort_particles(grains, HORIZON * dt):
+                return False
             for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
                 find_pairs(Particles(*grains_arrays), np.int64(s), False)
             if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):

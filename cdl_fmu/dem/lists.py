@@ -14,6 +14,9 @@ from .particles import (
     CELLS_Y,
     CELLS_Z,
     HISTORY,
+    LARGEST_MARGIN,
+    LEAST_CELLS,
+    LEAST_MARGIN,
     LENGTH,
     MOST_SLABS,
     PAIRS,
@@ -31,13 +34,16 @@ from .particles import (
     Z,
 )
 
-#: Margins [radii]: of a particle at rest, and the largest one. Own choice, by speed.
-LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
+#: Sum of the coordinates [m] beyond which a particle is lost. Own choice.
+FURTHEST = 1e6
 
 
 @kernel
 def sort_particles(grains, horizon):
-    """Sort the particles by cells, with margins for ``horizon`` [s]; their pairs are to be found next."""
+    """Sort the particles by cells, with margins for ``horizon`` [s]; their pairs are to be found next.
+
+    Returns False, with nothing done, if a particle is nowhere: its position is no number or beyond ``FURTHEST``.
+    """
     count = grains.count
     n, side = count[N], count[SIDE]
     old, new, built = grains.body[side], grains.body[1 - side], grains.built
@@ -50,6 +56,8 @@ def sort_particles(grains, horizon):
         if period_y > 0.0:
             old[i, Y] -= period_y * math.floor(old[i, Y] / period_y)
         x, y, z, r = old[i, X], old[i, Y], old[i, Z], old[i, R]
+        if not abs(x) + abs(y) + abs(z) < FURTHEST:
+            return False
         speed = math.sqrt(old[i, V_X] ** 2 + old[i, V_Y] ** 2 + old[i, V_Z] ** 2)
         margin = min(max(speed * horizon, LEAST_MARGIN * r), LARGEST_MARGIN * r)
         grains.force[i, 0] = margin  # in their old order
@@ -60,14 +68,22 @@ def sort_particles(grains, horizon):
     if period_y > 0.0:
         y_0, y_1 = 0.0, period_y
     side_x = side_y = side_z = 2.0 * reach
-    while ((x_1 - x_0) / side_x + 1.0) * ((y_1 - y_0) / side_y + 1.0) * ((z_1 - z_0) / side_z + 1.0) > len(grains.cells) - 1:
-        side_x, side_y, side_z = 1.2 * side_x, 1.2 * side_y, 1.2 * side_z
+    # Longer cells where there are most: a particle that flies far away spoils one direction only, and a period keeps its three cells.
+    along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
+    while along_x * along_y * along_z > len(grains.cells) - 1:
+        if along_x >= along_y and along_x >= along_z:
+            side_x *= 1.2
+        elif along_y >= along_z:
+            side_y *= 1.2
+        else:
+            side_z *= 1.2
+        along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
     n_x, n_y, n_z = math.floor((x_1 - x_0) / side_x) + 1, math.floor((y_1 - y_0) / side_y) + 1, math.floor((z_1 - z_0) / side_z) + 1
     if period_x > 0.0:
-        n_x = max(n_x - 1, 1)
+        n_x = max(n_x - 1, LEAST_CELLS)
         side_x = period_x / n_x
     if period_y > 0.0:
-        n_y = max(n_y - 1, 1)
+        n_y = max(n_y - 1, LEAST_CELLS)
         side_y = period_y / n_y
     count[CELLS_X], count[CELLS_Y], count[CELLS_Z] = n_x, n_y, n_z
     # Counting sort by cells, z fastest.
@@ -107,6 +123,7 @@ def sort_particles(grains, horizon):
         grains.slabs[s] = cells[min((s * n_x) // slabs if period_x > 0.0 else (s * (n_x + n_x % 2)) // slabs, n_x) * n_y * n_z]
     grains.slabs[slabs] = n
     count[SLABS] = slabs
+    return True
 
 
 @kernel

@@ -29,7 +29,7 @@ def move_particles(grains, dt, gravity, slab):
             body[i, Y] += body[i, V_Y] * dt
             body[i, Z] += body[i, V_Z] * dt
             d_x, d_y, d_z = body[i, X] - built[i, 0], body[i, Y] - built[i, 1], body[i, Z] - built[i, 2]
-            stale |= d_x * d_x + d_y * d_y + d_z * d_z > built[i, 3] * built[i, 3]
+            stale |= not d_x * d_x + d_y * d_y + d_z * d_z <= built[i, 3] * built[i, 3]  # no number: the next list says so
         for k in range(6):
             force[i, k] = 0.0
     if stale:

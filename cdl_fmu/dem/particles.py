@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..slave.model import ModelError
+
 #: Columns of a particle: centre [m], radius [m], velocity [m/s], mass [kg], angular velocity [rad/s], and 1 if it moves, 0 if it is held.
 #: What one contact reads of a particle lies together.
 X, Y, Z, R, V_X, V_Y, V_Z, M, W_X, W_Y, W_Z, FREE = range(12)
@@ -25,6 +27,13 @@ N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, COUNT = range(9)
 PAIRS_EACH = 8
 #: Rows of the memory in which a slab works on a block: see ``pairs``.
 BUFFER = 14
+
+#: Margins of lists [radii]: of a particle at rest, and the largest one. Own choice, by speed.
+LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
+#: Cells of a period, at least: with fewer, a cell's neighbours on both sides would be one.
+LEAST_CELLS = 3
+#: Least period [radii of the largest particle].
+LEAST_PERIOD = LEAST_CELLS * 2.0 * (1.0 + LARGEST_MARGIN)
 
 #: Most slabs of the bed, cut across x, that threads work on at once.
 MOST_SLABS = 256
@@ -101,8 +110,16 @@ def particles_of(positions, radii, density, **options) -> Particles:
         radii: [m], [n].
         density: Of the grains [kg/m3].
         **options: As for ``empty_particles``.
+
+    Raises ModelError if a period is too short for particles of this size.
     """
-    n = len(positions)
+    n, least = len(positions), LEAST_PERIOD * float(np.max(radii))
+    for axis, period in zip("xy", options.get("periods", ())):
+        if 0.0 < period < least:
+            raise ModelError(
+                f"the period along {axis} is {period:g} m, but at least {least:g} m is needed, {LEAST_PERIOD:g} radii of the largest "
+                "particle: lengthen it, or take smaller particles"
+            )
     particles = empty_particles(n, **options)
     body = particles.body[0]
     body[:, X : X + 3], body[:, R], body[:, FREE] = positions, radii, 1.0

@@ -114,7 +114,7 @@ class Simulation:
         numba.set_num_threads(self.threads)
         law = self.material.law(dt).astype(self.precision)
         if not function(tuple(self.particles), tuple(self._tools), self._meshes, law, self.gravity, dt, n):
-            raise RuntimeError("no room for so many contacts: the bed is compressed beyond all bounds; check dt and how tools move")
+            raise RuntimeError("particles are lost or pressed together beyond all bounds: check dt and how tools move")
         for tool, felt in zip(self.tools, self._tools.sums):
             tool.f_0, tool.t_0, tool.contacts = felt[FORCE : FORCE + 3].copy(), felt[TORQUE : TORQUE + 3].copy(), float(felt[CONTACTS])
         self.time += h

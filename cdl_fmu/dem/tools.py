@@ -86,9 +86,10 @@ def tools_of(kinds, shapes, roots, laws, n_particles) -> Tools:
 
     Args:
         kinds, shapes, roots, laws: As in ``Tools``.
-        n_particles: Number of particles; on average at most one tool is near each.
+        n_particles: Number of particles; on average at most one tool is near each, of a few particles all tools.
     """
-    n, touches = len(kinds), n_particles + 1000
+    n = len(kinds)
+    touches = min(n * n_particles, n_particles + 1000)
     poses = np.zeros((n, POSE))
     poses[:, ROTATION : ROTATION + 9] = np.eye(3).ravel()
     return Tools(

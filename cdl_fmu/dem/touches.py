@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..slave.kernel import kernel
-from .law import HALF, MASS, respond
-from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, N, R, X, Y, Z
+from .law import HALF, respond
+from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, N, R, X, Y, Z
 from .tools import (
     AROUND,
     B_W,
@@ -150,7 +150,7 @@ def touch_forces(grains, tools, meshes, t, chunk):
             )
             w = b_x - w_x, b_y - w_y, b_z - w_z
             f_n, f_t, (q_x, q_y, q_z), shear, roll, s_n, damping = respond(
-                law, r - distance, True, r, law[MASS] * r * r * r, (n_x, n_y, n_z), u_n, u_t, w, shear, roll
+                law, r - distance, True, r, body[i, M], (n_x, n_y, n_z), u_n, u_t, w, shear, roll
             )
             kept[k, m, NORMAL], kept[k, m, NORMAL + 1], kept[k, m, NORMAL + 2] = n_x, n_y, n_z
             kept[k, m, SLID], kept[k, m, SLID + 1], kept[k, m, SLID + 2] = shear
