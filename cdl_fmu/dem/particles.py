@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .shape import FIGURE, Shape, orientations
+
 #: Columns of a particle: centre [m], radius [m], velocity [m/s], mass [kg], angular velocity [rad/s], and 1 if it moves, 0 if it is held.
 #: What one contact reads of a particle lies together.
 X, Y, Z, R, V_X, V_Y, V_Z, M, W_X, W_Y, W_Z, FREE = range(12)
@@ -48,6 +50,8 @@ class Particles(NamedTuple):
         order: Index that each particle had before its list was made, int64 [n].
         slabs: Where the particles of each slab begin, int64 [MOST_SLABS + 1].
         blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH].
+        orientation: Of each particle with a shape, quaternions from its frame to the world, [2, n, 4]; [2, 0, 4] of spheres.
+        figure: Numbers of the shape, [FIGURE].
     """
 
     count: np.ndarray
@@ -64,10 +68,12 @@ class Particles(NamedTuple):
     order: np.ndarray
     slabs: np.ndarray
     blocks: np.ndarray
+    orientation: np.ndarray
+    figure: np.ndarray
 
 
-def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.float64) -> Particles:
-    """Particles at rest.
+def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.float64, shape: Shape | None = None) -> Particles:
+    """Particles at rest, of any orientation.
 
     Args:
         positions: Centres [m], [n, 3].
@@ -75,6 +81,7 @@ def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.
         density: Of the grains [kg/m3].
         periods: As in ``Particles``.
         precision: Type of the numbers of contacts, float64 or float32; positions and velocities are float64.
+        shape: Of all particles; None: spheres.
     """
     n = len(positions)
     body = np.zeros((2, n, PARTICLE))
@@ -98,4 +105,6 @@ def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.
         order=np.arange(n),
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
         blocks=np.zeros((MOST_SLABS, BUFFER * LENGTH), precision),
+        orientation=np.tile(orientations(np.arange(n if shape else 0)), (2, 1, 1)),
+        figure=shape.figure() if shape else np.zeros(FIGURE),
     )
