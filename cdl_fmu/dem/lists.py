@@ -112,6 +112,9 @@ def sort_particles(grains, horizon):
         for k in range(PARTICLE):
             new[i, k] = old[a, k]
         grains.ident[1 - side, i] = grains.ident[side, a]
+        if grains.orientation.shape[1] > 0:
+            for k in range(4):
+                grains.orientation[1 - side, i, k] = grains.orientation[side, a, k]
         built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], grains.force[a, 0]
     for i in range(n):
         grains.force[i, 0] = 0.0

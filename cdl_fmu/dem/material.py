@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .law import law_of
+from .shape import Shape
 
 #: Share of the Rayleigh time that a time step lasts, at most (Thornton 2015), and as chosen by default.
 LARGEST_SHARE, SHARE = 0.2, 0.13
@@ -26,6 +27,7 @@ class Material:
         cohesion: Pull of a contact over the square of the diameter of equal particles [Pa].
         density: Density of the grains [kg/m3].
         linear: Linear contacts in place of Hertz'.
+        shape: How particles of this material roll, beside ``mu_r``; None: as spheres. That of a tool's material means nothing.
     """
 
     E: float = 1e7
@@ -36,6 +38,7 @@ class Material:
     cohesion: float = 0.0
     density: float = 2600.0
     linear: bool = False
+    shape: Shape | None = None
 
     def law(self, dt: float) -> np.ndarray:
         """The law's numbers for substeps of dt [s]."""

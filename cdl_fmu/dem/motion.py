@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..slave.kernel import kernel
 from .particles import FREE, SIDE, STALE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, R, X, Y, Z
+from .shape import turn
 
 
 @kernel
@@ -14,6 +15,8 @@ def move_particles(grains, dt, gravity, slab):
     """
     body, force, built = grains.body[grains.count[SIDE]], grains.force, grains.built
     g_x, g_y, g_z = gravity[0] * dt, gravity[1] * dt, gravity[2] * dt
+    orientation = grains.orientation[grains.count[SIDE]]
+    shaped = len(orientation) > 0
     stale = False
     for i in range(grains.slabs[slab], grains.slabs[slab + 1]):
         if body[i, FREE] > 0.0:
@@ -28,6 +31,8 @@ def move_particles(grains, dt, gravity, slab):
             body[i, X] += body[i, V_X] * dt
             body[i, Y] += body[i, V_Y] * dt
             body[i, Z] += body[i, V_Z] * dt
+            if shaped:
+                turn(orientation[i], body[i, W_X], body[i, W_Y], body[i, W_Z], dt)
             d_x, d_y, d_z = body[i, X] - built[i, 0], body[i, Y] - built[i, 1], body[i, Z] - built[i, 2]
             stale |= not d_x * d_x + d_y * d_y + d_z * d_z <= built[i, 3] * built[i, 3]  # no number: the next list says so
         for k in range(6):

@@ -13,6 +13,7 @@ import numpy as np
 from ..slave.kernel import kernel
 from .law import HALF, MASS, ONE, respond
 from .particles import BUFFER, HISTORY, LENGTH, ROLL, SHEAR, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, R, X, Y, Z
+from .shape_pairs import add_shape_torques
 
 #: Rows of a block's memory: what is gathered, and in its place the force and torque on both particles.
 D_X, D_Y, D_Z, U_X, U_Y, U_Z, A_X, A_Y, A_Z, B_X, B_Y, B_Z, R_A, R_B = range(BUFFER)
@@ -105,6 +106,8 @@ def slab_forces(grains, law, slab):
                 buf[_R_A + q], buf[_R_B + q] = r, body[b, R]
             o = until
         _contacts(begin, stop, np.uint64(block * HISTORY * LENGTH), law, buf, history)
+        if grains.orientation.shape[1] > 0:
+            add_shape_torques(grains, law, i, k, begin, stop, buf[_D_X:], buf[_A_X:], buf[_B_X:])
         # Add to the particles.
         pair, o = k, np.uint64(begin)
         while o < to:

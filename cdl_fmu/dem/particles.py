@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..slave.model import ModelError
+from .shape import FIGURE, Shape, orientations
 
 #: Columns of a particle: centre [m], radius [m], velocity [m/s], mass [kg], angular velocity [rad/s], and 1 if it moves, 0 if it is held.
 #: What one contact reads of a particle lies together.
@@ -57,6 +58,8 @@ class Particles(NamedTuple):
         order: Index that each particle had before its list was made, int64 [n].
         slabs: Where the particles of each slab begin, int64 [MOST_SLABS + 1].
         blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH].
+        orientation: Of each particle with a shape, quaternions from its frame to the world, [2, n, 4]; [2, 0, 4] of spheres.
+        figure: Numbers of the shape, [FIGURE].
     """
 
     count: np.ndarray
@@ -73,15 +76,18 @@ class Particles(NamedTuple):
     order: np.ndarray
     slabs: np.ndarray
     blocks: np.ndarray
+    orientation: np.ndarray
+    figure: np.ndarray
 
 
-def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64) -> Particles:
+def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: Shape | None = None) -> Particles:
     """Room for n particles.
 
     Args:
         n: Most particles.
         periods: As in ``Particles``.
         precision: Type of the numbers of contacts, float64 or float32; positions and velocities are float64.
+        shape: Of all particles; None: spheres.
     """
     pairs = PAIRS_EACH * n
     return Particles(
@@ -99,11 +105,13 @@ def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64) -> Part
         order=np.arange(n),
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
         blocks=np.zeros((MOST_SLABS, BUFFER * LENGTH), precision),
+        orientation=np.zeros((2, n if shape else 0, 4)),
+        figure=shape.figure() if shape else np.zeros(FIGURE),
     )
 
 
 def particles_of(positions, radii, density, **options) -> Particles:
-    """Particles at rest.
+    """Particles at rest, of any orientation.
 
     Args:
         positions: Centres [m], [n, 3].
@@ -125,6 +133,8 @@ def particles_of(positions, radii, density, **options) -> Particles:
     body[:, X : X + 3], body[:, R], body[:, FREE] = positions, radii, 1.0
     body[:, M] = mass_of(np.asarray(radii), density)
     particles.ident[0] = np.arange(n)
+    if options.get("shape"):
+        particles.orientation[0] = orientations(particles.ident[0])
     particles.count[N], particles.count[STALE] = n, 1
     return particles
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .columns import Ground, keys_of
+from .columns import Ground
 from .surface import NOTHING, fill_heights
 
 

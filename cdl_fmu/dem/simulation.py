@@ -79,7 +79,7 @@ class Simulation:
         self.material, self.tools, self.gravity, self.threads, self.precision = material, list(tools), np.array(gravity), threads, precision
         self.dt = dt or material.time_step(np.min(radii))
         self.time = 0.0
-        self.particles = particles_of(positions, radii, material.density, periods=periods, precision=precision)
+        self.particles = particles_of(positions, radii, material.density, periods=periods, precision=precision, shape=material.shape)
         bodies = [tool.surface for tool in self.tools if tool.surface]
         self._meshes = join(bodies) if bodies else nothing()
         roots, k = [], 0

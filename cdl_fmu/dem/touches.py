@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ..slave.kernel import kernel
-from .law import HALF, respond
+from .law import HALF, PULL, respond
 from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, N, R, X, Y, Z
+from .shape import shape_torque
 from .tools import (
     AROUND,
     B_W,
@@ -105,6 +106,8 @@ def touch_forces(grains, tools, meshes, t, chunk):
     body, force, particle, kept = grains.body[side], grains.force, tools.particle[side], tools.kept[side]
     pose, law, felt = tools.poses[t], tools.laws[t], tools.felt[t, chunk]
     rows, before = tools.rows[chunk], tools.rows[chunk, MOST:]
+    orientation = grains.orientation[side]
+    shaped = len(orientation) > 0
     begin, number = tools.first[side, t], tools.first[side, t + 1] - tools.first[side, t]
     for k in range(begin + (number * chunk) // CHUNKS, begin + (number * (chunk + 1)) // CHUNKS):
         i = particle[k]
@@ -152,6 +155,10 @@ def touch_forces(grains, tools, meshes, t, chunk):
             f_n, f_t, (q_x, q_y, q_z), shear, roll, s_n, damping = respond(
                 law, r - distance, True, r, body[i, M], (n_x, n_y, n_z), u_n, u_t, w, shear, roll
             )
+            moment = r * (f_n + law[PULL] * r * r)  # a pull has no lever
+            if shaped and moment > 0.0:
+                s_x, s_y, s_z = shape_torque(grains.figure, orientation[i], n_x, n_y, n_z)
+                q_x, q_y, q_z = q_x + moment * s_x, q_y + moment * s_y, q_z + moment * s_z
             kept[k, m, NORMAL], kept[k, m, NORMAL + 1], kept[k, m, NORMAL + 2] = n_x, n_y, n_z
             kept[k, m, SLID], kept[k, m, SLID + 1], kept[k, m, SLID + 2] = shear
             kept[k, m, ROLLED], kept[k, m, ROLLED + 1], kept[k, m, ROLLED + 2] = roll

@@ -1,0 +1,177 @@
+"""Rotation geometries: spheres that roll like grains (chapter, 8.3.18; Lichtenheldt & Schaefer 2013).
+
+Particles stay spheres where they touch. About each axis of its own frame a particle has a plane figure, an ellipse or a regular polygon,
+and where it touches, the normal force acts at that figure's support point instead of at the sphere's: off the line through the centre, by
+the derivative of the figure's support function. With a constant normal force the grain's energy is F R* H, where H is the sum of
+
+    (c_x^2 + c_y^2) (h(theta) - h(0)),   tan(theta) = c_y / c_x
+
+over the three axes and c points from the centre to the contact, in the particle's frame. Own choices, which the source leaves open:
+
+- The weight, the square of the normal's projection on the figure's plane. It is smooth where the normal lies along the figure's axis,
+  and the torque is the gradient of one energy: it never drives a grain round and round, and has no part along the normal.
+- A corner of the polygon, or the ellipse's long end, lies midway between two axes, so that h(0) = h(90 deg) and the three figures agree
+  where their planes meet. Polygons of 4 corners then make a cube, ellipses a prolate grain whose long axis is that of (1, 1, 1).
+- R*: of two spheres that roll on each other only the share R* / R of their relative rotation turns the normal in the particle's frame.
+- The faces of a polygon bulge: the torque changes its sign within an angle, not at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..slave.kernel import kernel
+from ..slave.model import ModelError
+
+#: Most corners of a polygon, and of an ellipse the largest aspect ratio: own choices; above them grains are balls or needles.
+MOST_CORNERS, LARGEST_ASPECT = 24, 3.0
+#: Places of a figure's numbers: half its corners, 0 for an ellipse; what h is on the particle's axes; squares of the ellipse's semi-axes
+#: over the radius; how much two corners' supports differ where a face begins to bulge; half the corners over the radius, x and y.
+N_PAIRS, ON_AXIS, LONG, SHORT, BULGE, CORNERS = range(6)
+FIGURE = CORNERS + MOST_CORNERS
+
+_BULGE = 0.02  # [rad] own choice: half the angle of a bulging face
+_ALONG = 1e-12  # of the square of a projection: the normal lies along the figure's axis
+_ROOT_HALF = math.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The figure about each axis of a particle.
+
+    Attributes:
+        corners: Number of corners of a regular polygon around the sphere, even; 0: an ellipse.
+        aspect: Long over short axis of an ellipse of the sphere's cross section.
+
+    Raises:
+        ModelError: It is neither, or both.
+    """
+
+    corners: int = 0
+    aspect: float = 1.0
+
+    def __post_init__(self):
+        if self.corners and self.aspect != 1.0:
+            raise ModelError(f"shape.corners = {self.corners} and shape.aspect = {self.aspect:g}: give one of both")
+        if self.corners and not (4 <= self.corners <= MOST_CORNERS and self.corners % 2 == 0):
+            raise ModelError(f"shape.corners = {self.corners}: give an even number from 4 to {MOST_CORNERS}, or 0 for an ellipse")
+        if not self.corners and not 1.0 < self.aspect <= LARGEST_ASPECT:
+            raise ModelError(f"shape.aspect = {self.aspect:g}: give more than 1 and at most {LARGEST_ASPECT:g}; shape = None is a sphere")
+
+    def figure(self) -> np.ndarray:
+        """The figure's numbers, [FIGURE]."""
+        figure = np.zeros(FIGURE)
+        figure[LONG], figure[SHORT] = self.aspect, 1.0 / self.aspect
+        if self.corners:
+            half = math.pi / self.corners
+            angles = 0.25 * math.pi + 2.0 * half * np.arange(self.corners // 2)
+            figure[N_PAIRS], figure[BULGE] = self.corners // 2, 2.0 * math.tan(half) * math.sin(_BULGE)
+            figure[CORNERS : CORNERS + self.corners : 2] = np.cos(angles) / math.cos(half)
+            figure[CORNERS + 1 : CORNERS + self.corners : 2] = np.sin(angles) / math.cos(half)
+        figure[ON_AXIS] = support(figure, 1.0, 0.0)[0]
+        return figure
+
+
+def orientations(ident: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Random orientations of particles, uniform, of each by its number alone: quaternions from their frame to the world, [n, 4]."""
+    u = np.empty((3, len(ident)))
+    for k in range(3):
+        # SplitMix64 (Steele et al. 2014), its state being the number of the draw.
+        z = np.asarray(ident).astype(np.uint64) * np.uint64(3) + np.uint64(k + 1) + (np.uint64(seed) << np.uint64(40))
+        z = z * np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        u[k] = ((z ^ (z >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53
+    a, b = np.sqrt(1.0 - u[0]), np.sqrt(u[0])  # Shoemake 1992
+    s, t = 2.0 * math.pi * u[1], 2.0 * math.pi * u[2]
+    return np.stack([b * np.cos(t), a * np.sin(s), a * np.cos(s), b * np.sin(t)], axis=1)
+
+
+@kernel
+def support(figure, x, y):
+    """Support function h of a figure in the unit direction x, y, and its derivative by the angle, both over the radius.
+
+    h is how far the figure reaches; its derivative is the lever arm of the support point, counter-clockwise from the direction.
+    """
+    if figure[N_PAIRS] == 0.0:
+        u, v = _ROOT_HALF * (x + y), _ROOT_HALF * (y - x)
+        h = math.sqrt(figure[LONG] * u * u + figure[SHORT] * v * v)
+        return h, (figure[SHORT] - figure[LONG]) * u * v / h
+    # Of each pair of opposite corners one is ahead; the two that are furthest ahead bound the face.
+    first = second = 0.0
+    a_x = a_y = b_x = b_y = 0.0
+    for k in range(int(figure[N_PAIRS])):
+        c_x, c_y = figure[CORNERS + 2 * k], figure[CORNERS + 2 * k + 1]
+        ahead = c_x * x + c_y * y
+        if ahead < 0.0:
+            ahead, c_x, c_y = -ahead, -c_x, -c_y
+        if ahead > first:
+            second, b_x, b_y = first, a_x, a_y
+            first, a_x, a_y = ahead, c_x, c_y
+        elif ahead > second:
+            second, b_x, b_y = ahead, c_x, c_y
+    share = min((first - second) / figure[BULGE], 1.0)
+    h = first + 0.25 * figure[BULGE] * (1.0 - share) * (1.0 - share)
+    p_x = 0.5 * (a_x + b_x + share * (a_x - b_x))
+    p_y = 0.5 * (a_y + b_y + share * (a_y - b_y))
+    return h, x * p_y - y * p_x
+
+
+@kernel
+def energy(figure, x, y, z):
+    """H, the energy over F R*, where the unit vector x, y, z of the particle's frame points to the contact."""
+    return figure[ON_AXIS] + _part(figure, x, y)[0] + _part(figure, y, z)[0] + _part(figure, z, x)[0]
+
+
+@kernel
+def shape_torque(figure, q, n_x, n_y, n_z):
+    """Torque on a particle over F R*.
+
+    Args:
+        figure: The figure's numbers, [FIGURE].
+        q: Quaternion from the particle's frame to the world, [4].
+        n_x, n_y, n_z: Unit normal towards the particle, in the world.
+    """
+    w, i, j, k = q[0], q[1], q[2], q[3]
+    xx, xy, xz = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)
+    yx, yy, yz = 2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)
+    zx, zy, zz = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
+    # To the contact, in the particle's frame.
+    x = -(xx * n_x + yx * n_y + zx * n_z)
+    y = -(xy * n_x + yy * n_y + zy * n_z)
+    z = -(xz * n_x + yz * n_y + zz * n_z)
+    _, a_x, a_y = _part(figure, x, y)
+    _, b_y, b_z = _part(figure, y, z)
+    _, c_z, c_x = _part(figure, z, x)
+    g_x, g_y, g_z = a_x + c_x, a_y + b_y, b_z + c_z
+    t_x, t_y, t_z = y * g_z - z * g_y, z * g_x - x * g_z, x * g_y - y * g_x  # -dH / d(rotation) = c x grad H
+    return xx * t_x + xy * t_y + xz * t_z, yx * t_x + yy * t_y + yz * t_z, zx * t_x + zy * t_y + zz * t_z
+
+
+@kernel
+def _part(figure, x, y):
+    """What the figure across one axis adds to H, and its derivatives by x and y."""
+    square = x * x + y * y
+    if square < _ALONG:
+        return 0.0, 0.0, 0.0
+    scale = 1.0 / math.sqrt(square)
+    h, lever = support(figure, x * scale, y * scale)
+    h = h - figure[ON_AXIS]
+    return square * h, 2.0 * h * x - lever * y, 2.0 * h * y + lever * x
+
+
+@kernel
+def turn(q, w_x, w_y, w_z, dt):
+    """Turn a quaternion [4] by the angular velocity w [rad/s] of the world during dt [s]."""
+    speed = math.sqrt(w_x * w_x + w_y * w_y + w_z * w_z)
+    half = 0.5 * speed * dt
+    c, s = math.cos(half), (math.sin(half) / speed if speed > 0.0 else 0.0)
+    x, y, z = s * w_x, s * w_y, s * w_z
+    a, i, j, k = q[0], q[1], q[2], q[3]
+    w = c * a - x * i - y * j - z * k
+    i, j, k = c * i + x * a + y * k - z * j, c * j + y * a + z * i - x * k, c * k + z * a + x * j - y * i
+    scale = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
+    q[0], q[1], q[2], q[3] = w * scale, i * scale, j * scale, k * scale
