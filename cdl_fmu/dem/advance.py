@@ -10,7 +10,8 @@ import numba
 import numpy as np
 
 from ..slave.kernel import kernel
-from .lists import find_pairs, place_pairs, sort_particles, take_lists
+from .cells import sort_particles
+from .lists import fill_pairs, find_pairs, place_pairs, take_lists
 from .motion import move_particles
 from .pairs import slab_forces
 from .particles import SLABS, STALE, Particles
@@ -62,18 +63,19 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
         n_steps: Number of substeps.
     """
     grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
-    count = grains.count
+    count, full = grains.count, 0
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
             if not sort_particles(grains, HORIZON * dt):
                 return False
             for s in range(count[SLABS]):
-                find_pairs(grains, s, False)
-            if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
+                full += not find_pairs(grains, s)
+            if full or not list_touches(grains, tools, meshes, HORIZON * dt):
                 return False
+            place_pairs(grains)
             for s in range(count[SLABS]):
-                find_pairs(grains, s, True)
+                fill_pairs(grains, s)
             take_lists(grains)
         for s in range(0, count[SLABS], 2):
             slab_forces(grains, law, s)
@@ -93,18 +95,19 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
 def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
     """``advance`` with several threads."""
     grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
-    count = grains.count
+    count, full = grains.count, 0
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
             if not sort_particles(grains, HORIZON * dt):
                 return False
             for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
-                find_pairs(Particles(*grains_arrays), np.int64(s), False)
-            if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
+                full += not find_pairs(Particles(*grains_arrays), np.int64(s))
+            if full or not list_touches(grains, tools, meshes, HORIZON * dt):
                 return False
+            place_pairs(grains)
             for s in numba.prange(count[SLABS]):
-                find_pairs(Particles(*grains_arrays), np.int64(s), True)
+                fill_pairs(Particles(*grains_arrays), np.int64(s))
             take_lists(grains)
         half = count[SLABS] // 2
         for s in numba.prange(half):

@@ -87,7 +87,10 @@ class Ground:
         self._history = np.hstack([contacts.shear, contacts.roll])
         self._kept = np.zeros((len(bed.radii), KEPT))
         self._kept[contacts.floor, NORMAL + 2] = 1.0
-        self._kept[contacts.floor, SLID : SLID + 3], self._kept[contacts.floor, ROLLED : ROLLED + 3] = contacts.floor_shear, contacts.floor_roll
+        self._kept[contacts.floor, SLID : SLID + 3], self._kept[contacts.floor, ROLLED : ROLLED + 3] = (
+            contacts.floor_shear,
+            contacts.floor_roll,
+        )
         place = np.floor(bed.positions[:, :2] / bed.column).astype(np.int64)
         home = place[:, 0] * bed.counts[1] + place[:, 1]
         self._particles = _groups(home, np.arange(len(home)), n)

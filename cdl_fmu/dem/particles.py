@@ -49,10 +49,12 @@ class Particles(NamedTuple):
         body: Records of particles, [2, n, PARTICLE].
         ident: Numbers by which particles are known for ever, int64 [2, n].
         force: Force [N] and torque [N.m] on each particle, [n, 6].
-        built: Position of each particle as its list was made [m], and how far it may move until the list is too old [m], [n, 4].
+        built: Position of each particle as its list was made, and its radius with the margin by which it may move until the list is too
+            old [m], [n, 4].
         first: Where the pairs of each particle begin, int64 [2, n + 1].
         partner: The other particle of each pair, int32 [2, m].
         history: Of the pairs, in blocks: flat, [2, blocks * HISTORY * LENGTH].
+        found: Partners as they are found, slab by slab, int32 [m].
         cell: Cell of each particle in the old and in the new order, int64 [2, n].
         cells: Where the particles of each cell begin, int64.
         order: Index that each particle had before its list was made, int64 [n].
@@ -71,6 +73,7 @@ class Particles(NamedTuple):
     first: np.ndarray
     partner: np.ndarray
     history: np.ndarray
+    found: np.ndarray
     cell: np.ndarray
     cells: np.ndarray
     order: np.ndarray
@@ -100,6 +103,7 @@ def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: 
         first=np.zeros((2, n + 1), np.int64),
         partner=np.zeros((2, pairs), np.int32),
         history=np.zeros((2, (pairs // LENGTH + 1) * HISTORY * LENGTH), precision),
+        found=np.zeros(pairs, np.int32),
         cell=np.zeros((2, n), np.int64),
         cells=np.zeros(4 * n + 1000, np.int64),
         order=np.arange(n),

@@ -13,7 +13,7 @@ from ..mesh.surface import Surface, join, nothing
 from .advance import advance, advance_in_parallel
 from .material import Material
 from .particles import SIDE, V_X, W_X, M, N, particles_of
-from .tools import CONTACTS, FORCE, MESH, PLANE, POSITION, ROTATION, SHAPE, TORQUE, WHEEL, tools_of
+from .tools import CONTACTS, FORCE, MESH, PLANE, POSITION, ROTATION, SHAPE, TORQUE, WHEEL, mesh_shape, tools_of, wheel_shape
 
 
 @dataclass(eq=False)

@@ -82,7 +82,7 @@ def list_touches(grains, tools, meshes, horizon):
         for i in range(n):
             if body[i, FREE] == 0.0:
                 continue
-            reach = body[i, R] + grains.built[i, 3] + tools.margins[t, 0]
+            reach = grains.built[i, 3] + tools.margins[t, 0]
             if rows_of(tools, meshes, t, body[i, X], body[i, Y], body[i, Z], reach, tools.stack[0], tools.rows[0]) == 0:
                 continue
             if k == tools.particle.shape[1]:
