@@ -6,6 +6,7 @@ from collections.abc import Container, Iterable
 from pathlib import Path
 
 from cdl_fmu.bcm import BCM
+from cdl_fmu.dem import DEM
 from cdl_fmu.rbc import RBC
 from cdl_fmu.scm import SCM
 from cdl_fmu.slave.model import KernelModel, Model, ModelError
@@ -15,7 +16,10 @@ from mbs.driver import Driver
 from mbs.rover import Rover
 
 #: Name of a tier in experiments -> its model.
-TIERS = {"BCM": BCM, "SCM": SCM, "VEM": VEM}
+TIERS = {"BCM": BCM, "SCM": SCM, "VEM": VEM, "DEM": DEM}
+
+#: Tiers that own the soil under all wheels: of these there is one at most in a system.
+SOIL_OWNERS = ("SCM", "DEM")
 
 #: Name of a tier for rocks -> its model, of wheels and rocks.
 ROCK_TIERS = {"RBC": RBC, "VEM": lambda n_wheels, n_bodies: VEM(n_wheels, 0, n_bodies)}
@@ -25,6 +29,7 @@ SHIPPED = [
     *(BCM(1), BCM(2), BCM(1, 1), BCM(2, 2), BCM(1, 1, 1)),
     *(SCM(1), SCM(2), SCM(1, 1), SCM(1, 1, n_compacted=1)),
     *(VEM(1), VEM(2), VEM(1, 1)),
+    *(DEM(1), DEM(2), DEM(1, 1)),
     *(BCM(2, n_grounds=1), VEM(2, n_grounds=1)),
     *(RBC(2, 1), VEM(2, 0, 1), SCM(2, 0, 1), Rover(2, 1, 1)),  # for a rover and a rock
     *(Rover(2), Driver(2), Carriage(1)),
@@ -34,6 +39,7 @@ _FAMILIES = {
     "cdl_bcm": BCM,
     "cdl_scm": SCM,
     "cdl_vem": VEM,
+    "cdl_dem": DEM,
     "cdl_rbc": RBC,
     "cdl_rover": Rover,
     "cdl_driver": Driver,
@@ -76,17 +82,24 @@ def model_of(identifier: str) -> Model:
 def contacts(tiers: Iterable[str], compaction: bool = False, n_rocks: int = 0, on_mesh: Container[str] = ()) -> dict[str, KernelModel]:
     """The model of each tier for wheels on these tiers, in an order in which each needs the outputs of earlier ones alone.
 
-    Where SCM carries a wheel it owns the soil, in which rocks lie, and the wheels of other tiers stand on patches of it, which say what
-    pressed the soil before if ``compaction`` is wanted. The ground of tiers in ``on_mesh`` is a mesh.
+    Where SCM or DEM carries a wheel it owns the soil, in which rocks lie, and the wheels of other tiers stand on patches of it, which say
+    what pressed the soil before if ``compaction`` is wanted of SCM. The ground of tiers in ``on_mesh`` is a mesh.
+
+    Raises ValueError if both are to own it.
     """
     wheels = Counter(tiers)
-    n_scm, n_bcm, n_vem = wheels["SCM"], wheels["BCM"], wheels["VEM"]
+    n_scm, n_dem, n_bcm, n_vem = wheels["SCM"], wheels["DEM"], wheels["BCM"], wheels["VEM"]
+    if n_scm and n_dem:
+        raise ValueError("wheels on SCM and on DEM: each tier owns the soil under all wheels; put the others on BCM or VEM, which share it")
+    soil = n_scm + n_dem > 0
     n_compacted = n_bcm if compaction and n_scm else 0
     models: dict[str, KernelModel] = {}
     if n_scm:
         models["SCM"] = SCM(n_scm, n_bcm + n_vem, n_rocks, n_compacted)
+    if n_dem:
+        models["DEM"] = DEM(n_dem, n_bcm + n_vem)
     if n_bcm:
-        models["BCM"] = BCM(n_bcm, n_bcm if n_scm else 0, n_compacted, int("BCM" in on_mesh))
+        models["BCM"] = BCM(n_bcm, n_bcm if soil else 0, n_compacted, int("BCM" in on_mesh))
     if n_vem:
-        models["VEM"] = VEM(n_vem, n_vem if n_scm else 0, n_grounds=int("VEM" in on_mesh))
+        models["VEM"] = VEM(n_vem, n_vem if soil else 0, n_grounds=int("VEM" in on_mesh))
     return models

@@ -1,1 +1,5 @@
-"""DEM: soil as particles."""
+"""Discrete element model: soil as particles."""
+
+from .model import DEM
+
+__all__ = ["DEM"]

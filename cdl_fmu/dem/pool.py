@@ -92,19 +92,20 @@ class GrainPool:
             if not np.array_equal(active, self._active):
                 self._active = active
                 self._exchange()
-        for k, trailing in enumerate(u.trailing if len(self._patches) else ()):
-            self._follow(self._patches[k], trailing.r_0, look)
+        for k in range(len(self._patches)):
+            self._follow(self._patches[k], u["trailing"]["r_0"][k], look)
 
     def _columns_wanted(self, u) -> np.ndarray:
         side, found = self.ground.column, []
-        tools = [*u.wheel, *(u.body if "body" in u.dtype.names else ())]
+        tools = [tool for name in ("wheel", "body") if name in u.dtype.names for tool in u[name]]
         for tool, box in zip(tools, self._boxes):
-            if not has_pose(tool) or ("active" in tool.dtype.names and tool.active == 0.0):
+            if not has_pose(tool) or ("active" in tool.dtype.names and tool["active"] == 0.0):
                 continue
-            axle = tool.T[1, :2] / max(np.hypot(*tool.T[1, :2]), 1e-9)
+            axle, r_0 = tool["T"][1, :2], tool["r_0"]
+            axle = axle / max(np.hypot(*axle), 1e-9)
             reach = math.hypot(*box) + side
-            i, j = (np.arange(math.floor((x - reach) / side), math.ceil((x + reach) / side)) for x in tool.r_0[:2])
-            x, y = np.meshgrid((i + 0.5) * side - tool.r_0[0], (j + 0.5) * side - tool.r_0[1], indexing="ij")
+            i, j = (np.arange(math.floor((x - reach) / side), math.ceil((x + reach) / side)) for x in r_0[:2])
+            x, y = np.meshgrid((i + 0.5) * side - r_0[0], (j + 0.5) * side - r_0[1], indexing="ij")
             inside = (abs(x * axle[1] - y * axle[0]) <= box.half_length + 0.5 * side) & (
                 abs(x * axle[0] + y * axle[1]) <= box.half_width + 0.5 * side
             )
