@@ -81,6 +81,7 @@ def simulate(
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
             attributes["soil"] = str(soil or "")
+            experiment.prepare(status)
             status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
             experiment.write_system(package)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import re
+import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from cdl_fmu.slave.records import Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
 from cdl_fmu.unloading import UNLOADING
 from cdl_fmu.wheel import WHEEL
-from fmus import ROCK_TIERS, TIERS, contacts
+from fmus import ROCK_TIERS, SOIL_OWNERS, TIERS, contacts
 
 from . import soil_range
 from .assemble import assemble
@@ -117,6 +118,11 @@ class Experiment:
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
+        if len(owners := [tier for tier in SOIL_OWNERS if tier in self.tiers.values()]) > 1:
+            raise ExperimentError(
+                f"{self._place('tiers', '')}: wheels on {' and on '.join(owners)}: each tier owns the soil under all wheels; put the others on "
+                "BCM or VEM, which share it"
+            )
         self.rocks, self.rock_tier = self._rocks(tables)
         n = len(self.rocks)
         #: part -> its model
@@ -187,6 +193,17 @@ class Experiment:
         """True if the user places the wheels, so that they are not put on the ground."""
         return not self.rig.start.isdisjoint(self._values[self.rig.mover])
 
+    def prepare(self, status: Callable[[str], None]) -> None:
+        """Make what takes minutes and is kept on this machine, such as a bed of particles; ``status`` is called with how it comes along.
+
+        Raises ExperimentError as ``write_system``.
+        """
+        for name, instance in self.instances().items():
+            try:
+                instance.model.prepare(instance.p, {key: Path(path) for key, path in instance.files.items() if path}, _told(status))
+            except ModelError as error:
+                raise ExperimentError(f"{self._file}: {name}.{error}") from error
+
     def write_system(self, path: Path) -> None:
         """Write the experiment as an SSP package.
 
@@ -251,6 +268,8 @@ class Experiment:
         if tier not in ROCK_TIERS:
             where = self._place("rocks", "tier")
             raise ExperimentError(f"{where}: rocks.tier = {tier!r} is unknown; use one of {', '.join(ROCK_TIERS)}")
+        if given and "DEM" in self.tiers.values():
+            raise ExperimentError(f"{self._place('rock[1]', '')}: rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM")
         if given and self.rig is not ROVER:
             raise ExperimentError(f"{self._place('rock[1]', '')}: rocks need a rover; a testbed's carriage has a single wheel on soil")
         rocks = []
@@ -281,11 +300,12 @@ class Experiment:
     def _on_mesh(self, tables: Mapping) -> set[str]:
         """Tiers whose ground is a mesh."""
         found = {tier for tier in self.tiers.values() if tables.get(tier.lower(), {}).get("ground")}
-        if found and "SCM" in self.tiers.values():
+        if found and (owner := next((tier for tier in SOIL_OWNERS if tier in self.tiers.values()), None)):
             section = min(found).lower()
             where = self._place(section, "ground")
+            instead = "give scm.base, or " if owner == "SCM" else "put "
             raise ExperimentError(
-                f"{where}: {section}.ground: all wheels stand on the soil of the one on SCM; give scm.base, or no wheel on SCM"
+                f"{where}: {section}.ground: all wheels stand on the soil of the one on {owner}; {instead}no wheel on {owner}"
             )
         return found
 
@@ -405,6 +425,18 @@ class Experiment:
             if found:
                 return f"{self._file}, line {number}"
         return self._file
+
+
+def _told(status: Callable[[str], None]) -> Callable[[str, float], None]:
+    """Progress of a bed in words, with the time left of the stage that it is in."""
+    began: dict[str, float] = {}
+
+    def progress(stage: str, share: float) -> None:
+        spent = time.perf_counter() - began.setdefault(stage, time.perf_counter())
+        left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.05 else ""
+        status(f"settling the bed of particles, once for these parameters: {stage}, {share:.0%}{left}")
+
+    return progress
 
 
 def _choice(value):

@@ -37,7 +37,9 @@ def key_text(key: BedKey) -> str:
     lines = []
     for name, values in sections.items():
         lines.append(f"[{name}]")
-        lines += [f'{parameter} = {{ value = {_value(value)}, unit = "{_UNITS[name][parameter]}" }}' for parameter, value in values.items()]
+        for parameter, value in values.items():
+            if value is not None:
+                lines.append(f'{parameter} = {{ value = {_value(value)}, unit = "{_UNITS[name][parameter]}" }}')
         lines.append("")
     return "\n".join(lines)
 

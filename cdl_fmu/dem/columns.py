@@ -86,8 +86,8 @@ class Ground:
         contacts, n = bed.contacts, bed.counts[0] * bed.counts[1]
         self._history = np.hstack([contacts.shear, contacts.roll])
         self._kept = np.zeros((len(bed.radii), KEPT))
-        self._kept[contacts.floor, NORMAL + 2] = 1.0
-        self._kept[contacts.floor, SLID : SLID + 3], self._kept[contacts.floor, ROLLED : ROLLED + 3] = (
+        self._kept[contacts.on_floor, NORMAL + 2] = 1.0
+        self._kept[contacts.on_floor, SLID : SLID + 3], self._kept[contacts.on_floor, ROLLED : ROLLED + 3] = (
             contacts.floor_shear,
             contacts.floor_roll,
         )

@@ -32,7 +32,8 @@ from ..wheel import WHEEL, check_wheel, tip_radius
 from .apriori import grains_of
 from .bed import BedKey
 from .columns import Ground
-from .library import Library, load_bed
+from .bed_files import load_bed
+from .library import Library
 from .material import Material
 from .pool import Box, GrainPool
 from .scaling import check_box, check_feature
@@ -118,18 +119,18 @@ class DEM(KernelModel):
     )
     events = WHEEL_EVENTS | {
         FULL: Event(
-            "the particles have more contacts than there is room for: the bed is pressed together beyond all bounds; check dt = {p.dt:g} s, "
-            "grain.E = {p.grain[E]:g} Pa and the speed of wheels and bodies"
+            "the particles have more contacts than there is room for, or fly off: check the speed of wheels and bodies, dt = {p.dt:g} s and "
+            "grain.E = {p.grain[E]:g} Pa"
         ),
         TOO_DEEP: Event(
-            f"wheel {{i}}, its centre at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside "
-            "the bed, or jumped into it; start it at z = {p.ground_z:g} m + r_w + h_g or above, and let it down"
+            f"wheel {{i}}, at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, or "
+            "jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and half a particle, d = {p.d:g} m, and let it down"
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
         BODY_TOO_DEEP: Event(
-            f"body {{i}}, at z = {{body.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, or "
-            "jumped into it; start it above ground_z = {p.ground_z:g} m, and let it down"
+            f"body {{i}}, at z = {{body.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, "
+            "or jumped into it; start it above ground_z = {p.ground_z:g} m, and let it down"
         ),
         NO_MESH: Event("body[{i}].mesh names no file: give the path of a closed mesh (.stl, .obj or .ply, in metres)"),
     }
@@ -162,7 +163,7 @@ class DEM(KernelModel):
 
     def check(self, p) -> None:
         check_wheel(p)
-        check_feature("h_g, the height of the grousers,", p.h_g, p.d) if p.n_g > 0.0 and p.h_g > 0.0 else None
+        check_feature("h_g", p.h_g, p.d) if p.n_g > 0.0 and p.h_g > 0.0 else None
         check_box(p.box_width, p.depth, p.b_w, tip_radius.py_func(p))
         if p.box_length < 2.0 * tip_radius.py_func(p):
             raise ModelError(
@@ -175,6 +176,10 @@ class DEM(KernelModel):
             raise ModelError(
                 f"threads = {p.threads:g}: on this machine at most {MOST_THREADS}; numba's variable NUMBA_NUM_THREADS allows more"
             )
+
+    def prepare(self, p, files, progress) -> None:
+        if "bed" not in files:
+            Library().get(self.bed_key(p), progress)
 
     def make_pool(self, p, files) -> GrainPool:
         material = self._material(p)

@@ -79,6 +79,12 @@ class GrainPool:
         count = self._grains.count
         return self._grains.body[count[SIDE], : count[N]]
 
+    @property
+    def highest(self) -> float:
+        """Height that no particle of the undisturbed soil reaches above [m]."""
+        bed = self.ground.bed
+        return self.ground.ground_z + float((bed.positions[:, 2] + bed.radii).max())
+
     # -- the moving boxes
 
     def reserve(self, u) -> None:

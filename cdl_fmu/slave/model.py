@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -65,6 +65,13 @@ class Model:
 
     def check(self, p: np.recarray) -> None:
         """Raise ModelError for parameters that are within their bounds but do not fit together: ``name = value unit: why; remedy``."""
+
+    def prepare(self, p: np.recarray, files: dict[str, Path], progress: Callable[[str, float], None]) -> None:
+        """Make what takes minutes, once for these parameters: kept on this machine, ``make_pool`` finds it there. Arguments as there.
+
+        Args:
+            progress: Called now and then with what is being done, and the share done of it.
+        """
 
     def make_pool(self, p: np.recarray, files: dict[str, Path]) -> Pool | None:
         """A new pool, None for a model that has its records alone.
