@@ -120,8 +120,8 @@ class Experiment:
         self.tiers = self._tiers(tables)
         if len(owners := [tier for tier in SOIL_OWNERS if tier in self.tiers.values()]) > 1:
             raise ExperimentError(
-                f"{self._place('tiers', '')}: wheels on {' and on '.join(owners)}: each tier owns the soil under all wheels; put the others on "
-                "BCM or VEM, which share it"
+                f"{self._place('tiers', '')}: wheels on {' and on '.join(owners)}: each tier owns the soil under all wheels; put the "
+                "others on BCM or VEM, which share it"
             )
         self.rocks, self.rock_tier = self._rocks(tables)
         n = len(self.rocks)
@@ -269,7 +269,9 @@ class Experiment:
             where = self._place("rocks", "tier")
             raise ExperimentError(f"{where}: rocks.tier = {tier!r} is unknown; use one of {', '.join(ROCK_TIERS)}")
         if given and "DEM" in self.tiers.values():
-            raise ExperimentError(f"{self._place('rock[1]', '')}: rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM")
+            raise ExperimentError(
+                f"{self._place('rock[1]', '')}: rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM"
+            )
         if given and self.rig is not ROVER:
             raise ExperimentError(f"{self._place('rock[1]', '')}: rocks need a rover; a testbed's carriage has a single wheel on soil")
         rocks = []

@@ -61,12 +61,15 @@ class _Contacts(NamedTuple):
 
 
 class SavedGround(NamedTuple):
-    """Content of a :class:`Ground`."""
+    """Content of a :class:`Ground`; and what does not change: side of a column, mean diameter at the surface, height of the floor [m]."""
 
     stored: dict[int, tuple[np.ndarray, np.ndarray]]
     contacts: dict[int, _Contacts]
     resting: dict[int, tuple[np.ndarray, np.ndarray]]
     touched: frozenset[int]
+    column: float
+    diameter: float
+    floor: float
 
 
 class Ground:
@@ -78,7 +81,7 @@ class Ground:
     """
 
     def __init__(self, bed: Bed, ground_z: float):
-        self.bed, self.ground_z, self.column = bed, ground_z, bed.column
+        self.bed, self.ground_z, self.column, self.floor = bed, ground_z, bed.column, ground_z + bed.floor
         self.stored: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # records and numbers of particles
         self.contacts: dict[int, _Contacts] = {}
         self.resting: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -98,7 +101,8 @@ class Ground:
 
     def save(self) -> SavedGround:
         """The content as it is now; nothing in it changes later."""
-        return SavedGround(self.stored.copy(), self.contacts.copy(), self.resting.copy(), self.touched)
+        of_all = self.column, self.bed.key.diameter, self.floor
+        return SavedGround(self.stored.copy(), self.contacts.copy(), self.resting.copy(), self.touched, *of_all)
 
     def restore(self, saved: SavedGround) -> None:
         """Go back to what was saved."""
@@ -251,7 +255,7 @@ def _found(ident: np.ndarray, is_free) -> tuple[np.ndarray, np.ndarray]:
 
 def ground_to_arrays(saved: SavedGround) -> dict[str, np.ndarray]:
     """What ``Ground.save`` returned, as arrays by name."""
-    found = {"touched": np.array(sorted(saved.touched), np.int64)}
+    found = {"touched": np.array(sorted(saved.touched), np.int64), "constants": np.array([saved.column, saved.diameter, saved.floor])}
     for name in ("stored", "contacts", "resting"):
         columns = getattr(saved, name)
         found[f"{name}_keys"] = np.array(list(columns), np.int64)
@@ -269,7 +273,8 @@ def ground_from_arrays(arrays: dict[str, np.ndarray]) -> SavedGround:
         parts = [np.split(arrays.pop(f"{name}_{k}"), ends)[:-1] for k in range(len(empty))]
         make = _Contacts._make if name == "contacts" else tuple
         found[name] = {int(key): make(values) for key, values in zip(keys, zip(*parts))}
-    return SavedGround(**found)
+    column, diameter, floor = arrays.pop("constants").tolist()
+    return SavedGround(**found, column=column, diameter=diameter, floor=floor)
 
 
 _NUMBERS = np.zeros(0, np.int64)

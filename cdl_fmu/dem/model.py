@@ -31,8 +31,8 @@ from ..soil import SOIL
 from ..wheel import WHEEL, check_wheel, tip_radius
 from .apriori import grains_of
 from .bed import BedKey
-from .columns import Ground
 from .bed_files import load_bed
+from .columns import Ground
 from .library import Library
 from .material import Material
 from .pool import Box, GrainPool
@@ -119,12 +119,12 @@ class DEM(KernelModel):
     )
     events = WHEEL_EVENTS | {
         FULL: Event(
-            "the particles have more contacts than there is room for, or fly off: check the speed of wheels and bodies, dt = {p.dt:g} s and "
-            "grain.E = {p.grain[E]:g} Pa"
+            "the particles have more contacts than there is room for, or fly off: check the speed of wheels and bodies, "
+            "dt = {p.dt:g} s and grain.E = {p.grain[E]:g} Pa"
         ),
         TOO_DEEP: Event(
-            f"wheel {{i}}, at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, or "
-            "jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and half a particle, d = {p.d:g} m, and let it down"
+            f"wheel {{i}}, at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the "
+            "bed, or jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and half a particle, d = {p.d:g} m, and let it down"
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
