@@ -86,7 +86,7 @@ class BedKey:
             if not layer.top - layer.bottom >= least:
                 raise ModelError(
                     f"the layer from {-layer.top:g} m to {-layer.bottom:g} m of depth holds particles of {diameter:g} m: it "
-                    f" must be at least {least:g} m thick ({LEAST_LAYER:g} diameters); make it thicker, or take finer particles"
+                    f"must be at least {least:g} m thick ({LEAST_LAYER:g} diameters); make it thicker, or take finer particles"
                 )
         bottom, top = self.bulk(-self.depth, 0.0)
         if top - bottom < self.largest:

@@ -70,7 +70,7 @@ def write_bed(bed: Bed, path: Path) -> None:
 
 
 def load_bed(path: str | Path) -> Bed:
-    """Read a bed: an .npz of arrays, and a .toml of the same name with what it was made from, as the library writes them.
+    """Read a bed that anyone wrote: an .npz of arrays, and a .toml of the same name with what it was made from, as the library writes them.
 
     Arrays are ``positions`` [n, 3], ``radii`` [n], ``periods`` [2], ``counts`` of columns [2] and ``floor``, as in ``Bed``; and all of
     ``Contacts``, or none of them: particles then begin without history.
@@ -80,6 +80,13 @@ def load_bed(path: str | Path) -> Bed:
             for the largest particle, or particles overlap by more than 5 % of the smaller radius.
     """
     path = Path(path)
+    bed = read_bed(path)
+    _check_bed(path.name, bed)
+    return bed
+
+
+def read_bed(path: Path) -> Bed:
+    """Read a bed as ``load_bed`` does, but whether its particles fit each other is not looked at."""
     for file in (path, path.with_suffix(".toml")):
         if not file.is_file():
             raise ModelError(f"{file}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
@@ -92,9 +99,7 @@ def load_bed(path: str | Path) -> Bed:
     _check_arrays(path.name, arrays)
     contacts = Contacts(*(arrays.get(name, empty) for name, empty in no_contacts()._asdict().items()))
     periods, counts = tuple(arrays["periods"].tolist()), tuple(arrays["counts"].tolist())
-    bed = Bed(key, arrays["positions"].astype(float), arrays["radii"].astype(float), periods, counts, float(arrays["floor"]), contacts)
-    _check_bed(path.name, bed)
-    return bed
+    return Bed(key, arrays["positions"].astype(float), arrays["radii"].astype(float), periods, counts, float(arrays["floor"]), contacts)
 
 
 def _value(value) -> str:
@@ -143,9 +148,10 @@ def _check_arrays(name: str, arrays: dict[str, np.ndarray]) -> None:
     history = dict(pairs=(m, 2), images=(m, 2), shear=(m, 3), roll=(m, 3), on_floor=(k,), floor_shear=(k, 3), floor_roll=(k, 3))
     if not history.keys().isdisjoint(arrays):
         shapes |= history
-    for array, shape in shapes.items():
+    for array in shapes:
         if array not in arrays:
             raise ModelError(f"{name} has no array {array}: a bed needs {', '.join(shapes)}")
+    for array, shape in shapes.items():
         if arrays[array].shape != shape:
             raise ModelError(f"{name}: {array} has the shape {arrays[array].shape}, {shape} is needed".replace("'", ""))
         if arrays[array].dtype.kind not in "iuf" or not np.isfinite(arrays[array]).all():
@@ -185,7 +191,7 @@ def _check_overlaps(name: str, bed: Bed) -> None:
     if deep[worst] > LARGEST_OVERLAP * radii[worst]:
         raise ModelError(
             f"{name}: particle {worst} is {deep[worst]:.3g} m deep in the floor at {bed.floor:g} m, above {100.0 * LARGEST_OVERLAP:g} % of "
-            f"its radius ({radii[worst]:g} m): raise it, or settle the bed"
+            f"its radius ({radii[worst]:g} m): raise it, settle the bed, or raise E"
         )
     positions[:, :2] %= bed.periods
     tree = cKDTree(positions, boxsize=[*bed.periods, 0.0])  # 0: does not repeat itself
@@ -199,6 +205,6 @@ def _check_overlaps(name: str, bed: Bed) -> None:
         i, j = sorted((int(a[worst]), int(b[worst])))
         raise ModelError(
             f"{name}: particles {i} and {j} (radii {radii[i]:g} m and {radii[j]:g} m) overlap by {overlap[worst]:.3g} m, "
-            f"{100.0 * share[worst]:.3g} % of the smaller radius; at most {100.0 * LARGEST_OVERLAP:g} % are possible: move them apart, or "
-            "settle the bed"
+            f"{100.0 * share[worst]:.3g} % of the smaller radius; at most {100.0 * LARGEST_OVERLAP:g} % are possible: move them apart, "
+            "settle the bed, or raise E"
         )

@@ -40,7 +40,7 @@ _RAMP, _STAGES = 3.0, 75  # time in which friction falls to 0, in sqrt(depth / g
 _BEGIN = 0.75  # share of friction from which it falls: above, nothing moves
 _KEPT, _SUBSTEPS = 0.9, 20  # share of velocities kept each so many substeps while a bed comes to rest
 _FREE = 2.0  # time for which it stays there without drag, in sqrt(d / g)
-_LONGEST = 60.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
+_LONGEST = 25.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
 
 
 def settle(key: BedKey, progress: Progress = lambda stage, share: None) -> Bed:
@@ -116,10 +116,15 @@ class _Settling:
         while simulation.time < began or self._energy(simulation) > _FALLEN:
             simulation.step(stage)
             self.progress("falling", 1.0 - self._energy_of_fall(simulation) / highest)
-            self._check_time(simulation)
+            self._check_time(simulation, 0.0)
+        self._stand(simulation)
+
+    def _stand(self, simulation: Simulation) -> None:
+        """Particles that move come to stand, with a drag."""
+        began = simulation.time
         while self._energy(simulation) > _CALM:
-            self._calm(simulation, 0.1 * stage)
-            self._check_time(simulation)
+            self._calm(simulation, 0.02 * self.time)
+            self._check_time(simulation, began)
 
     def _compact(self, simulation: Simulation, calm) -> None:
         """Friction falls until the bulk has its porosity."""
@@ -146,9 +151,7 @@ class _Settling:
                     "for sizes that vary more"
                 )
         simulation.material = simulation.tools[0].material = calm
-        while self._energy(simulation) > _CALM:
-            self._calm(simulation, 0.02 * self.time)
-            self._check_time(simulation)
+        self._stand(simulation)
 
     def _levelled(self, simulation: Simulation) -> tuple[np.ndarray, np.ndarray, Contacts]:
         """Particles and contacts that are left where all above a height are taken away, so that the mean surface is at the depth wanted."""
@@ -168,7 +171,7 @@ class _Settling:
         while unrest > 1.0:
             while unrest > 1.0:
                 self._calm(simulation, 0.1 * self.time)
-                self._check_time(simulation)
+                self._check_time(simulation, 0.0)
                 unrest = self._unrest(simulation)
                 first = first or max(math.log(unrest), 1e-3)
                 self.progress("coming to rest", min(max(1.0 - math.log(unrest) / first, 0.0), 1.0))
@@ -187,8 +190,8 @@ class _Settling:
             simulation.bodies[:, V_X : V_X + 3] *= _KEPT
             simulation.bodies[:, W_X : W_X + 3] *= _KEPT
 
-    def _check_time(self, simulation: Simulation) -> None:
-        if simulation.time > _LONGEST * self.time:
+    def _check_time(self, simulation: Simulation, began: float) -> None:
+        if simulation.time - began > _LONGEST * self.time:
             slope = math.degrees(math.acos(-self.key.gravity[2] / self.gravity))
             raise ModelError(
                 f"the bed is not at rest after {simulation.time:.3g} s: on its slope of {slope:.3g} deg it flows; tilt gravity less, or "
