@@ -58,6 +58,12 @@ def has_pose(wheel):
 
 
 @kernel
+def is_set(r_0):
+    """False for a position that was never sent: exactly 0. Some masters send zeros before the first step."""
+    return r_0[0] != 0.0 or r_0[1] != 0.0 or r_0[2] != 0.0
+
+
+@kernel
 def refusal(p, wheel, silent, surface):
     """Number of the error that this wheel is in, or 0; ``surface`` is the ground's height under its centre [m]."""
     if wheel.active == 0.0:

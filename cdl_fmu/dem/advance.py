@@ -10,7 +10,8 @@ import numba
 import numpy as np
 
 from ..slave.kernel import kernel
-from .lists import find_pairs, place_pairs, sort_particles, take_lists
+from .cells import sort_particles
+from .lists import fill_pairs, find_pairs, place_pairs, take_lists
 from .motion import move_particles
 from .pairs import slab_forces
 from .particles import SLABS, STALE, Particles
@@ -48,7 +49,9 @@ def arrive_all(tools):
 
 @kernel
 def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
-    """Go on by n_steps substeps of dt [s] while the tools move to their goals; False if the lists have no room, and nothing is of use then.
+    """Go on by n_steps substeps of dt [s] while the tools move to their goals.
+
+    Returns False if particles are lost or the lists have no room; nothing is of use then.
 
     Args:
         grains_arrays: Arrays of ``Particles``.
@@ -60,19 +63,23 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
         n_steps: Number of substeps.
     """
     grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
-    count = grains.count
+    count, full = grains.count, 0
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
-            sort_particles(grains, HORIZON * dt)
-            for s in range(count[SLABS]):
-                find_pairs(grains, s, False)
-            if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
+            if not sort_particles(grains, HORIZON * dt):
                 return False
             for s in range(count[SLABS]):
-                find_pairs(grains, s, True)
+                full += not find_pairs(grains, s)
+            if full or not list_touches(grains, tools, meshes, HORIZON * dt):
+                return False
+            place_pairs(grains)
+            for s in range(count[SLABS]):
+                fill_pairs(grains, s)
             take_lists(grains)
-        for s in range(count[SLABS]):
+        for s in range(0, count[SLABS], 2):
+            slab_forces(grains, law, s)
+        for s in range(1, count[SLABS], 2):
             slab_forces(grains, law, s)
         for t in range(len(tools.kinds)):
             for chunk in range(CHUNKS):
@@ -88,17 +95,19 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
 def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
     """``advance`` with several threads."""
     grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
-    count = grains.count
+    count, full = grains.count, 0
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
-            sort_particles(grains, HORIZON * dt)
-            for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
-                find_pairs(Particles(*grains_arrays), np.int64(s), False)
-            if not (place_pairs(grains) and list_touches(grains, tools, meshes, HORIZON * dt)):
+            if not sort_particles(grains, HORIZON * dt):
                 return False
+            for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
+                full += not find_pairs(Particles(*grains_arrays), np.int64(s))
+            if full or not list_touches(grains, tools, meshes, HORIZON * dt):
+                return False
+            place_pairs(grains)
             for s in numba.prange(count[SLABS]):
-                find_pairs(Particles(*grains_arrays), np.int64(s), True)
+                fill_pairs(Particles(*grains_arrays), np.int64(s))
             take_lists(grains)
         half = count[SLABS] // 2
         for s in numba.prange(half):

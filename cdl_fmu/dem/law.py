@@ -56,13 +56,16 @@ def respond(law, overlap, touching, r_eff, m_eff, n, u_n, u_t, w, shear, roll):
     along = x * n_x + y * n_y + z * n_z
     x, y, z = x - along * n_x + t_x * dt, y - along * n_y + t_y * dt, z - along * n_z + t_z * dt
     pull, most = s_t * math.sqrt(x * x + y * y + z * z), law[FRICTION] * limit
-    slides = pull > most
-    scale = most / pull if slides else one
+    scale = most / pull if pull > most else one
     scale = scale if touching else zero
-    damper = zero if slides else law[SHEAR_DAMPING] * damping
     x, y, z = x * scale, y * scale, z * scale
     shear = x, y, z
-    f_t = -s_t * x - damper * t_x, -s_t * y - damper * t_y, -s_t * z - damper * t_z
+    # Coulomb's limit holds for spring and damper together: at first touch nearly all of the normal force is damping.
+    damper = law[SHEAR_DAMPING] * damping
+    f_x, f_y, f_z = -s_t * x - damper * t_x, -s_t * y - damper * t_y, -s_t * z - damper * t_z
+    pull = math.sqrt(f_x * f_x + f_y * f_y + f_z * f_z)
+    scale = most / pull if pull > most else one
+    f_t = f_x * scale, f_y * scale, f_z * scale
     k_r = law[ROLLING] * s_t * r_eff * r_eff
     x, y, z = roll
     w_x, w_y, w_z = w

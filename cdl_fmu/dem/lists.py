@@ -1,135 +1,30 @@
-"""Lists of neighbours: particles sorted by cells of a grid, and the pairs that may touch until the lists are made anew.
-
-Each particle has a margin of its own by which it may move: fast particles have a wide one, particles at rest nearly none, so that the
-lists hold few pairs that do not touch.
-"""
+"""Lists of neighbours: the pairs that may touch until the lists are made anew, with the history of those that did before."""
 
 from __future__ import annotations
 
 import math
 
 from ..slave.kernel import kernel
-from .particles import (
-    CELLS_X,
-    CELLS_Y,
-    CELLS_Z,
-    HISTORY,
-    LENGTH,
-    MOST_SLABS,
-    PAIRS,
-    PARTICLE,
-    SIDE,
-    SLABS,
-    STALE,
-    V_X,
-    V_Y,
-    V_Z,
-    N,
-    R,
-    X,
-    Y,
-    Z,
-)
-
-#: Margins [radii]: of a particle at rest, and the largest one. Own choice, by speed.
-LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
+from .particles import CELLS_X, CELLS_Y, CELLS_Z, FREE, HISTORY, LENGTH, PAIRS, PAIRS_EACH, SIDE, STALE, N
 
 
 @kernel
-def sort_particles(grains, horizon):
-    """Sort the particles by cells, with margins for ``horizon`` [s]; their pairs are to be found next."""
-    count = grains.count
-    n, side = count[N], count[SIDE]
-    old, new, built = grains.body[side], grains.body[1 - side], grains.built
-    x_0 = y_0 = z_0 = math.inf
-    x_1 = y_1 = z_1 = -math.inf
-    reach, period_x, period_y = 0.0, grains.periods[0], grains.periods[1]
-    for i in range(n):
-        if period_x > 0.0:
-            old[i, X] -= period_x * math.floor(old[i, X] / period_x)
-        if period_y > 0.0:
-            old[i, Y] -= period_y * math.floor(old[i, Y] / period_y)
-        x, y, z, r = old[i, X], old[i, Y], old[i, Z], old[i, R]
-        speed = math.sqrt(old[i, V_X] ** 2 + old[i, V_Y] ** 2 + old[i, V_Z] ** 2)
-        margin = min(max(speed * horizon, LEAST_MARGIN * r), LARGEST_MARGIN * r)
-        grains.force[i, 0] = margin  # in their old order
-        reach = max(reach, r + margin)
-        x_0, x_1, y_0, y_1, z_0, z_1 = min(x_0, x), max(x_1, x), min(y_0, y), max(y_1, y), min(z_0, z), max(z_1, z)
-    if period_x > 0.0:
-        x_0, x_1 = 0.0, period_x
-    if period_y > 0.0:
-        y_0, y_1 = 0.0, period_y
-    side_x = side_y = side_z = 2.0 * reach
-    while ((x_1 - x_0) / side_x + 1.0) * ((y_1 - y_0) / side_y + 1.0) * ((z_1 - z_0) / side_z + 1.0) > len(grains.cells) - 1:
-        side_x, side_y, side_z = 1.2 * side_x, 1.2 * side_y, 1.2 * side_z
-    n_x, n_y, n_z = math.floor((x_1 - x_0) / side_x) + 1, math.floor((y_1 - y_0) / side_y) + 1, math.floor((z_1 - z_0) / side_z) + 1
-    if period_x > 0.0:
-        n_x = max(n_x - 1, 1)
-        side_x = period_x / n_x
-    if period_y > 0.0:
-        n_y = max(n_y - 1, 1)
-        side_y = period_y / n_y
-    count[CELLS_X], count[CELLS_Y], count[CELLS_Z] = n_x, n_y, n_z
-    # Counting sort by cells, z fastest.
-    cells, cell, order = grains.cells, grains.cell, grains.order
-    n_cells = n_x * n_y * n_z
-    for c in range(n_cells + 1):
-        cells[c] = 0
-    for i in range(n):
-        c_x = min(int((old[i, X] - x_0) / side_x), n_x - 1)
-        c_y = min(int((old[i, Y] - y_0) / side_y), n_y - 1)
-        c_z = min(int((old[i, Z] - z_0) / side_z), n_z - 1)
-        cell[0, i] = (c_x * n_y + c_y) * n_z + c_z
-        cells[cell[0, i] + 1] += 1
-    for c in range(n_cells):
-        cells[c + 1] += cells[c]
-    for i in range(n):  # cells[c] is the next free place of cell c, and in the end where cell c + 1 begins
-        c = cell[0, i]
-        place = cells[c]
-        cells[c] += 1
-        order[place], cell[1, place] = i, c
-    for c in range(n_cells, 0, -1):
-        cells[c] = cells[c - 1]
-    cells[0] = 0
-    for i in range(n):
-        a = order[i]
-        for k in range(PARTICLE):
-            new[i, k] = old[a, k]
-        grains.ident[1 - side, i] = grains.ident[side, a]
-        if grains.orientation.shape[1] > 0:
-            for k in range(4):
-                grains.orientation[1 - side, i, k] = grains.orientation[side, a, k]
-        built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], grains.force[a, 0]
-    for i in range(n):
-        grains.force[i, 0] = 0.0
-    # Slabs of whole layers of cells, an even number of them.
-    slabs = min(2 * ((n_x + 1) // 2), MOST_SLABS)
-    if period_x > 0.0 and n_x % 2 == 1:
-        slabs = min(n_x - 1, MOST_SLABS)
-    for s in range(slabs):
-        grains.slabs[s] = cells[min((s * n_x) // slabs if period_x > 0.0 else (s * (n_x + n_x % 2)) // slabs, n_x) * n_y * n_z]
-    grains.slabs[slabs] = n
-    count[SLABS] = slabs
-
-
-@kernel
-def find_pairs(grains, slab, fill):
-    """Count the pairs of each particle of a slab, or write them where ``first`` says, with the history of those known before."""
-    count = grains.count
-    old_side = count[SIDE]
-    side = 1 - old_side
-    body, built, cells, cell = grains.body[side], grains.built, grains.cells, grains.cell[1]
-    first, partner, history = grains.first[side], grains.partner[side], grains.history[side]
+def find_pairs(grains, slab):
+    """Find the pairs of each particle of a slab, and count them; of two particles that are held nobody asks. False: no room."""
+    count, built, cells, cell, found = grains.count, grains.built, grains.cells, grains.cell[1], grains.found
+    side = 1 - count[SIDE]
+    body, first = grains.body[side], grains.first[side]
     n_x, n_y, n_z = count[CELLS_X], count[CELLS_Y], count[CELLS_Z]
     period_x, period_y = grains.periods[0], grains.periods[1]
+    place, last = PAIRS_EACH * grains.slabs[slab], PAIRS_EACH * grains.slabs[slab + 1]
     for i in range(grains.slabs[slab], grains.slabs[slab + 1]):
         c = cell[i]
         c_z = c % n_z
         c_y = (c // n_z) % n_y
         c_x = c // (n_z * n_y)
         low, high = max(c_z - 1, 0), min(c_z + 1, n_z - 1)
-        x, y, z, reach = body[i, X], body[i, Y], body[i, Z], body[i, R] + built[i, 3]
-        found = first[i] if fill else 0
+        x, y, z, reach, free = built[i, 0], built[i, 1], built[i, 2], built[i, 3], body[i, FREE]
+        before = place
         # Runs of cells along z: this cell's rest and the one above, the one beside in y, three in the next layer in x.
         for run in range(5):
             if run == 0:
@@ -147,49 +42,58 @@ def find_pairs(grains, slab, fill):
                 row = (b_x * n_y + b_y) * n_z
                 begin, end = cells[row + low], cells[row + high + 1]
             for j in range(begin, end):
-                d_x, d_y, d_z = x - body[j, X], y - body[j, Y], z - body[j, Z]
+                d_x, d_y, d_z = x - built[j, 0], y - built[j, 1], z - built[j, 2]
                 if period_x > 0.0 and abs(d_x) > 0.5 * period_x:
                     d_x -= math.copysign(period_x, d_x)
                 if period_y > 0.0 and abs(d_y) > 0.5 * period_y:
                     d_y -= math.copysign(period_y, d_y)
-                near = reach + body[j, R] + built[j, 3]
-                if d_x * d_x + d_y * d_y + d_z * d_z < near * near:
-                    if fill:
-                        partner[found] = j
-                        recall_pair(grains, old_side, i, j, found, history)
-                    found += 1
-        if not fill:
-            first[i + 1] = found
-
-
-@kernel
-def recall_pair(grains, side, i, j, pair, history):
-    """Write the history that particles i and j have of each other on the other side as that of a pair; none: zeros."""
-    a, b = grains.order[i], grains.order[j]
-    first, partner, old = grains.first[side], grains.partner[side], grains.history[side]
-    sign, known = 0.0, 0
-    for k in range(first[a], first[a + 1]):
-        if partner[k] == b:
-            sign, known = 1.0, k
-    if sign == 0.0:
-        for k in range(first[b], first[b + 1]):
-            if partner[k] == a:
-                sign, known = -1.0, k
-    to = (pair // LENGTH) * HISTORY * LENGTH + pair % LENGTH
-    at = (known // LENGTH) * HISTORY * LENGTH + known % LENGTH
-    for k in range(HISTORY):
-        history[to + k * LENGTH] = sign * old[at + k * LENGTH] if sign != 0.0 else 0.0
+                near = reach + built[j, 3]
+                if d_x * d_x + d_y * d_y + d_z * d_z < near * near and (free > 0.0 or body[j, FREE] > 0.0):
+                    if place == last:
+                        return False
+                    found[place] = j
+                    place += 1
+        first[i + 1] = place - before
+    return True
 
 
 @kernel
 def place_pairs(grains):
-    """Give each particle its place in the list of pairs; False if there is no room for them."""
+    """Give each particle its place in the list of pairs."""
     count = grains.count
     first = grains.first[1 - count[SIDE]]
     first[0] = 0
     for i in range(count[N]):
         first[i + 1] += first[i]
-    return first[count[N]] <= grains.partner.shape[1]
+
+
+@kernel
+def fill_pairs(grains, slab):
+    """Write the pairs of a slab in their places, with the history of those known before."""
+    old_side = grains.count[SIDE]
+    side = 1 - old_side
+    order, first, partner, history = grains.order, grains.first[side], grains.partner[side], grains.history[side]
+    old_first, old_partner, old = grains.first[old_side], grains.partner[old_side], grains.history[old_side]
+    begin = grains.slabs[slab]
+    shift = PAIRS_EACH * begin - first[begin]
+    for i in range(begin, grains.slabs[slab + 1]):
+        a = order[i]
+        for pair in range(first[i], first[i + 1]):
+            j = grains.found[pair + shift]
+            partner[pair] = j
+            b = order[j]
+            sign, known = 0.0, 0
+            for k in range(old_first[a], old_first[a + 1]):
+                if old_partner[k] == b:
+                    sign, known = 1.0, k
+            if sign == 0.0:
+                for k in range(old_first[b], old_first[b + 1]):
+                    if old_partner[k] == a:
+                        sign, known = -1.0, k
+            to = (pair // LENGTH) * HISTORY * LENGTH + pair % LENGTH
+            at = (known // LENGTH) * HISTORY * LENGTH + known % LENGTH
+            for k in range(HISTORY):
+                history[to + k * LENGTH] = sign * old[at + k * LENGTH] if sign != 0.0 else 0.0
 
 
 @kernel

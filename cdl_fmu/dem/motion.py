@@ -34,7 +34,8 @@ def move_particles(grains, dt, gravity, slab):
             if shaped:
                 turn(orientation[i], body[i, W_X], body[i, W_Y], body[i, W_Z], dt)
             d_x, d_y, d_z = body[i, X] - built[i, 0], body[i, Y] - built[i, 1], body[i, Z] - built[i, 2]
-            stale |= d_x * d_x + d_y * d_y + d_z * d_z > built[i, 3] * built[i, 3]
+            margin = built[i, 3] - body[i, R]
+            stale |= not d_x * d_x + d_y * d_y + d_z * d_z <= margin * margin  # no number: the next list says so
         for k in range(6):
             force[i, k] = 0.0
     if stale:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..slave.model import ModelError
 from .shape import FIGURE, Shape, orientations
 
 #: Columns of a particle: centre [m], radius [m], velocity [m/s], mass [kg], angular velocity [rad/s], and 1 if it moves, 0 if it is held.
@@ -30,6 +31,13 @@ PAIRS_EACH = 8
 D_X, D_Y, D_Z, U_X, U_Y, U_Z, A_X, A_Y, A_Z, B_X, B_Y, B_Z, R_A, R_B, BUFFER = range(15)
 Q_A, Q_B, SHAPED_BUFFER = BUFFER, BUFFER + 4, BUFFER + 8
 
+#: Margins of lists [radii]: of a particle at rest, and the largest one. Own choice, by speed.
+LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
+#: Cells of a period, at least: with fewer, a cell's neighbours on both sides would be one.
+LEAST_CELLS = 3
+#: Least period [radii of the largest particle].
+LEAST_PERIOD = LEAST_CELLS * 2.0 * (1.0 + LARGEST_MARGIN)
+
 #: Most slabs of the bed, cut across x, that threads work on at once.
 MOST_SLABS = 256
 
@@ -43,10 +51,12 @@ class Particles(NamedTuple):
         body: Records of particles, [2, n, PARTICLE].
         ident: Numbers by which particles are known for ever, int64 [2, n].
         force: Force [N] and torque [N.m] on each particle, [n, 6].
-        built: Position of each particle as its list was made [m], and how far it may move until the list is too old [m], [n, 4].
+        built: Position of each particle as its list was made, and its radius with the margin by which it may move until the list is too
+            old [m], [n, 4].
         first: Where the pairs of each particle begin, int64 [2, n + 1].
         partner: The other particle of each pair, int32 [2, m].
         history: Of the pairs, in blocks: flat, [2, blocks * HISTORY * LENGTH].
+        found: Partners as they are found, slab by slab, int32 [m].
         cell: Cell of each particle in the old and in the new order, int64 [2, n].
         cells: Where the particles of each cell begin, int64.
         order: Index that each particle had before its list was made, int64 [n].
@@ -65,6 +75,7 @@ class Particles(NamedTuple):
     first: np.ndarray
     partner: np.ndarray
     history: np.ndarray
+    found: np.ndarray
     cell: np.ndarray
     cells: np.ndarray
     order: np.ndarray
@@ -74,39 +85,66 @@ class Particles(NamedTuple):
     figure: np.ndarray
 
 
-def particles_of(positions, radii, density, *, periods=(0.0, 0.0), precision=np.float64, shape: Shape | None = None) -> Particles:
+def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: Shape | None = None) -> Particles:
+    """Room for n particles.
+
+    Args:
+        n: Most particles.
+        periods: As in ``Particles``.
+        precision: Type of the numbers of contacts, float64 or float32; positions and velocities are float64.
+        shape: Of all particles; None: spheres.
+    """
+    pairs = PAIRS_EACH * n
+    return Particles(
+        count=np.zeros(COUNT, np.int64),
+        periods=np.array(periods, float),
+        body=np.zeros((2, n, PARTICLE)),
+        ident=np.zeros((2, n), np.int64),
+        force=np.zeros((n, 6)),
+        built=np.zeros((n, 4)),
+        first=np.zeros((2, n + 1), np.int64),
+        partner=np.zeros((2, pairs), np.int32),
+        history=np.zeros((2, (pairs // LENGTH + 1) * HISTORY * LENGTH), precision),
+        found=np.zeros(pairs, np.int32),
+        cell=np.zeros((2, n), np.int64),
+        cells=np.zeros(4 * n + 1000, np.int64),
+        order=np.arange(n),
+        slabs=np.zeros(MOST_SLABS + 1, np.int64),
+        blocks=np.zeros((MOST_SLABS, (SHAPED_BUFFER if shape else BUFFER) * LENGTH), precision),
+        orientation=np.zeros((2, n if shape else 0, 4)),
+        figure=shape.figure() if shape else np.zeros(FIGURE),
+    )
+
+
+def particles_of(positions, radii, density, **options) -> Particles:
     """Particles at rest, of any orientation.
 
     Args:
         positions: Centres [m], [n, 3].
         radii: [m], [n].
         density: Of the grains [kg/m3].
-        periods: As in ``Particles``.
-        precision: Type of the numbers of contacts, float64 or float32; positions and velocities are float64.
-        shape: Of all particles; None: spheres.
+        **options: As for ``empty_particles``.
+
+    Raises ModelError if a period is too short for particles of this size.
     """
-    n = len(positions)
-    body = np.zeros((2, n, PARTICLE))
-    body[0, :, X : X + 3], body[0, :, R], body[0, :, FREE] = positions, radii, 1.0
-    body[0, :, M] = 4.0 / 3.0 * math.pi * density * np.asarray(radii) ** 3
-    count = np.zeros(COUNT, np.int64)
-    count[N], count[STALE] = n, 1
-    pairs = PAIRS_EACH * n
-    return Particles(
-        count=count,
-        periods=np.array(periods, float),
-        body=body,
-        ident=np.tile(np.arange(n), (2, 1)),
-        force=np.zeros((n, 6)),
-        built=np.zeros((n, 4)),
-        first=np.zeros((2, n + 1), np.int64),
-        partner=np.zeros((2, pairs), np.int32),
-        history=np.zeros((2, (pairs // LENGTH + 1) * HISTORY * LENGTH), precision),
-        cell=np.zeros((2, n), np.int64),
-        cells=np.zeros(4 * n + 1000, np.int64),
-        order=np.arange(n),
-        slabs=np.zeros(MOST_SLABS + 1, np.int64),
-        blocks=np.zeros((MOST_SLABS, (SHAPED_BUFFER if shape else BUFFER) * LENGTH), precision),
-        orientation=np.tile(orientations(np.arange(n if shape else 0)), (2, 1, 1)),
-        figure=shape.figure() if shape else np.zeros(FIGURE),
-    )
+    n, least = len(positions), LEAST_PERIOD * float(np.max(radii))
+    for axis, period in zip("xy", options.get("periods", ())):
+        if 0.0 < period < least:
+            raise ModelError(
+                f"the period along {axis} is {period:g} m, but at least {least:g} m is needed, {LEAST_PERIOD:g} radii of the largest "
+                "particle: lengthen it, or take smaller particles"
+            )
+    particles = empty_particles(n, **options)
+    body = particles.body[0]
+    body[:, X : X + 3], body[:, R], body[:, FREE] = positions, radii, 1.0
+    body[:, M] = mass_of(np.asarray(radii), density)
+    particles.ident[0] = np.arange(n)
+    if options.get("shape"):
+        particles.orientation[0] = orientations(particles.ident[0])
+    particles.count[N], particles.count[STALE] = n, 1
+    return particles
+
+
+def mass_of(radius, density):
+    """Mass of a sphere [kg]."""
+    return 4.0 / 3.0 * math.pi * density * radius**3

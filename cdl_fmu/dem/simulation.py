@@ -13,7 +13,7 @@ from ..mesh.surface import Surface, join, nothing
 from .advance import advance, advance_in_parallel
 from .material import Material
 from .particles import SIDE, V_X, W_X, M, N, particles_of
-from .tools import CONTACTS, FORCE, MESH, PLANE, POSITION, ROTATION, SHAPE, TORQUE, WHEEL, tools_of
+from .tools import CONTACTS, FORCE, MESH, PLANE, POSITION, ROTATION, SHAPE, TORQUE, WHEEL, mesh_shape, tools_of, wheel_shape
 
 
 @dataclass(eq=False)
@@ -45,13 +45,7 @@ class Tool:
 
     @property
     def shape(self) -> np.ndarray:
-        shape = np.zeros(SHAPE)
-        if self.wheel:
-            r_w, b_w, n_g, h_g, _ = self.wheel
-            shape[:] = *self.wheel, math.hypot(r_w + (h_g if n_g else 0.0), 0.5 * b_w)
-        elif self.surface:
-            shape[-1] = np.linalg.norm(self.surface.triangles.reshape(-1, 3), axis=1).max()
-        return shape
+        return mesh_shape(self.surface) if self.surface else wheel_shape(*self.wheel) if self.wheel else np.zeros(SHAPE)
 
 
 class Simulation:
@@ -120,7 +114,7 @@ class Simulation:
         numba.set_num_threads(self.threads)
         law = self.material.law(dt).astype(self.precision)
         if not function(tuple(self.particles), tuple(self._tools), self._meshes, law, self.gravity, dt, n):
-            raise RuntimeError("no room for so many contacts: the bed is compressed beyond all bounds; check dt and how tools move")
+            raise RuntimeError("particles are lost or pressed together beyond all bounds: check dt and how tools move")
         for tool, felt in zip(self.tools, self._tools.sums):
             tool.f_0, tool.t_0, tool.contacts = felt[FORCE : FORCE + 3].copy(), felt[TORQUE : TORQUE + 3].copy(), float(felt[CONTACTS])
         self.time += h

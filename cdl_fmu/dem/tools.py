@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..mesh.surface import Surface
 from ..slave.kernel import kernel
 from .touch import MOST
 
@@ -17,8 +18,9 @@ R_W, B_W, N_G, H_G, T_G, AROUND, SHAPE = range(7)
 #: Columns of a pose: position [m], rows of T, velocity [m/s], angular velocity [rad/s].
 POSITION, ROTATION, VELOCITY, SPIN, POSE = 0, 3, 12, 15, 18
 #: Columns of what a tool feels: force [N], torque [N.m], stiffness and damping of its contacts: xx, xy, xz, yy, yz, zz [N/m], [N.s/m];
-#: point that the stiffness is about, times its trace [N]; number of contacts.
-FORCE, TORQUE, TENSOR, DAMPER, MIDDLE, CONTACTS, FELT = 0, 3, 6, 12, 18, 21, 22
+#: point that the stiffness is about, times its trace [N]; number of contacts; deepest overlap, in radii
+#: of the particle: the largest of a step, where all else are means.
+FORCE, TORQUE, TENSOR, DAMPER, MIDDLE, CONTACTS, DEEPEST, FELT = 0, 3, 6, 12, 18, 21, 22, 23
 #: Columns of what is kept of a contact with a particle: normal, tangential displacement [m], rolling angle [rad].
 NORMAL, SLID, ROLLED, KEPT = 0, 3, 6, 9
 #: Parts that the touches of a tool are worked on in; the order in which their forces are added depends on no number of threads.
@@ -30,6 +32,7 @@ class Tools(NamedTuple):
 
     Attributes:
         kinds: int64 [n].
+        present: 1 for a tool that is there, 0 for one that touches nothing, int64 [n].
         roots: First node of a body's mesh, int64 [n].
         shapes: [n, SHAPE].
         laws: Contact laws with particles, [n, LAW].
@@ -48,6 +51,7 @@ class Tools(NamedTuple):
     """
 
     kinds: np.ndarray
+    present: np.ndarray
     roots: np.ndarray
     shapes: np.ndarray
     laws: np.ndarray
@@ -65,18 +69,32 @@ class Tools(NamedTuple):
     stack: np.ndarray
 
 
+def wheel_shape(r_w: float, b_w: float, n_g: float, h_g: float, t_g: float) -> np.ndarray:
+    """Shape of the parametric wheel of ``cdl_fmu.wheel.WHEEL``, [SHAPE]."""
+    return np.array([r_w, b_w, n_g, h_g, t_g, math.hypot(r_w + (h_g if n_g else 0.0), 0.5 * b_w)])
+
+
+def mesh_shape(surface: Surface) -> np.ndarray:
+    """Shape of a body with a mesh, [SHAPE]."""
+    shape = np.zeros(SHAPE)
+    shape[AROUND] = np.linalg.norm(surface.triangles.reshape(-1, 3), axis=1).max()
+    return shape
+
+
 def tools_of(kinds, shapes, roots, laws, n_particles) -> Tools:
     """Tools at the origin.
 
     Args:
         kinds, shapes, roots, laws: As in ``Tools``.
-        n_particles: Number of particles, each of which may touch two tools.
+        n_particles: Number of particles; on average at most one tool is near each, of a few particles all tools.
     """
-    n, touches = len(kinds), 2 * n_particles
+    n = len(kinds)
+    touches = min(n * n_particles, n_particles + 1000)
     poses = np.zeros((n, POSE))
     poses[:, ROTATION : ROTATION + 9] = np.eye(3).ravel()
     return Tools(
         kinds=np.array(kinds, np.int64),
+        present=np.ones(n, np.int64),
         roots=np.array(roots, np.int64),
         shapes=np.array(shapes, float).reshape(n, SHAPE),
         laws=np.array(laws),

@@ -11,8 +11,7 @@ from ..mesh.tree import FIRST_TRIANGLE, LAST_TRIANGLE, RIGHT, distance_to_box
 from ..slave.kernel import kernel
 from .touch import DISTANCE, MOST, NORMAL, TOUCH
 
-_TOUCHING = 1e-12  # [m] from the surface, below which the direction from there is rounding
-_ROUNDING = 1e-14  # [m] by which one triangle must be nearer than another to count as nearer
+_ROUNDING = 1e-12  # [m] from the surface, below which the direction from there is rounding; nor is a triangle nearer by less
 _ON = 1e-9  # [m] from a triangle, within which it holds a point
 # Own choice: cosine of 10 degrees between two rows, above which they are one. Where two faces meet so flatly that a sphere overlaps both by
 # more than 1 - cos of their angle, it would press twice on one spot: seams of flat faces in files of single precision, tessellated bowls.
@@ -72,7 +71,7 @@ def mesh_touches(meshes, root, x, y, z, reach, stack, out):
             if side < 0.0:
                 continue
             d = math.sqrt(d)
-            if d <= _TOUCHING:
+            if d <= _ROUNDING:
                 continue
             if where == WITHIN or (
                 not _neighbour_is_nearer(meshes, t, where, x, y, z, d) and _is_minimum(meshes, root, x, y, z, p_x, p_y, p_z, d, stack, top)
@@ -83,7 +82,7 @@ def mesh_touches(meshes, root, x, y, z, reach, stack, out):
     # The sign is that of the side of the nearest feature's normal (Baerentzen & Aanaes 2005).
     n_x, n_y, n_z = feature_normal(meshes, at, on)
     d = math.sqrt(nearest)
-    if d > _TOUCHING:
+    if d > _ROUNDING:
         if dot(x - q_x, y - q_y, z - q_z, n_x, n_y, n_z) >= 0.0:
             return n
         d = -d

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..slave.kernel import kernel
-from .law import HALF, MASS, PULL, respond
-from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, N, R, X, Y, Z
+from .law import HALF, PULL, respond
+from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, N, R, X, Y, Z
 from .shape import shape_torque
 from .tools import (
     AROUND,
@@ -12,6 +12,7 @@ from .tools import (
     CHUNKS,
     CONTACTS,
     DAMPER,
+    DEEPEST,
     FELT,
     FORCE,
     H_G,
@@ -44,6 +45,8 @@ _SAME = 0.7  # own choice: cosine between the normals of one contact in two subs
 @kernel
 def rows_of(tools, meshes, t, x, y, z, reach, stack, rows):
     """Where a sphere of radius ``reach`` [m] about a point of the world touches tool t: the number of rows, in the tool's own frame."""
+    if tools.present[t] == 0:
+        return 0
     pose, shape = tools.poses[t], tools.shapes[t]
     x, y, z = x - pose[POSITION], y - pose[POSITION + 1], z - pose[POSITION + 2]
     if tools.kinds[t] == PLANE:
@@ -79,7 +82,7 @@ def list_touches(grains, tools, meshes, horizon):
         for i in range(n):
             if body[i, FREE] == 0.0:
                 continue
-            reach = body[i, R] + grains.built[i, 3] + tools.margins[t, 0]
+            reach = grains.built[i, 3] + tools.margins[t, 0]
             if rows_of(tools, meshes, t, body[i, X], body[i, Y], body[i, Z], reach, tools.stack[0], tools.rows[0]) == 0:
                 continue
             if k == tools.particle.shape[1]:
@@ -150,7 +153,7 @@ def touch_forces(grains, tools, meshes, t, chunk):
             )
             w = b_x - w_x, b_y - w_y, b_z - w_z
             f_n, f_t, (q_x, q_y, q_z), shear, roll, s_n, damping = respond(
-                law, r - distance, True, r, law[MASS] * r * r * r, (n_x, n_y, n_z), u_n, u_t, w, shear, roll
+                law, r - distance, True, r, body[i, M], (n_x, n_y, n_z), u_n, u_t, w, shear, roll
             )
             moment = r * (f_n + law[PULL] * r * r)  # a pull has no lever
             if shaped and moment > 0.0:
@@ -182,6 +185,7 @@ def touch_forces(grains, tools, meshes, t, chunk):
             felt[MIDDLE + 1] += s_n * p_y
             felt[MIDDLE + 2] += s_n * p_z
             felt[CONTACTS] += 1.0
+            felt[DEEPEST] = max(felt[DEEPEST], 1.0 - distance / r)
 
 
 @kernel
@@ -199,6 +203,9 @@ def add_stiffness(felt, at, s, n_x, n_y, n_z):
 def gather_felt(tools, t, share):
     """Add this share of what the parts of tool t's touches felt in a substep to its sums, and clear the parts."""
     for chunk in range(CHUNKS):
+        felt = tools.felt[t, chunk]
+        tools.sums[t, DEEPEST] = max(tools.sums[t, DEEPEST], felt[DEEPEST])
+        for c in range(DEEPEST):
+            tools.sums[t, c] += share * felt[c]
         for c in range(FELT):
-            tools.sums[t, c] += share * tools.felt[t, chunk, c]
-            tools.felt[t, chunk, c] = 0.0
+            felt[c] = 0.0

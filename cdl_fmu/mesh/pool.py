@@ -21,7 +21,7 @@ class ConstantPool:
     def __init__(self, arrays: Iterable[np.ndarray]):
         self.arrays = tuple(arrays)
 
-    def reserve(self) -> None:
+    def reserve(self, u: np.recarray) -> None:
         """Nothing grows."""
 
     def save(self) -> tuple:

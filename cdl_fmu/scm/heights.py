@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ..contact import is_set
 from ..slave.interface import TESTED
 from ..slave.kernel import kernel
 from ..strength import CRITICAL_STATE, strength_of
@@ -31,12 +32,6 @@ def height_at(p, rows, marks, head, ground, frame, x, y):
                 else:
                     total += share * surface_height(rows, row, in_tile(i + a), in_tile(j + b))
     return total
-
-
-@kernel
-def is_set(r_0):
-    """False for a position that was never sent: exactly 0. Some masters send zeros before the first step."""
-    return r_0[0] != 0.0 or r_0[1] != 0.0 or r_0[2] != 0.0
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from ..contact import NO_DATA, has_pose, lowest_point, refusal, sees
+from ..contact import NO_DATA, has_pose, is_set, lowest_point, refusal, sees
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN
 from ..strength import tabulate_pushes
@@ -32,7 +32,7 @@ from .columns import CELLS, DEEPEST, DEPTH, STILL
 from .embedding import lay_around, take_back
 from .erosion import settle, slide
 from .flow import press
-from .heights import fill_patch, height_at, is_set
+from .heights import fill_patch, height_at
 from .rest import answer_body, find_still, stand_up, stay, take_seats
 from .stress import deepest_of_table, pressure_modulus, tabulate
 from .tiles import SLIDING, base_height_at

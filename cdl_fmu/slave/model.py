@@ -239,7 +239,7 @@ class Instance:
             state, pooled = self._x.copy(), self._save_pool()
             self._check("u", "input", t)
             if self.pool is not None:
-                self.pool.reserve()
+                self.pool.reserve(self.u)
             status = self._functions[1](t, 0.0)
             if status and self.model.events[status % STATUS_SPAN].is_error:
                 self._report(status, t)
@@ -278,7 +278,7 @@ class Instance:
             raise ModelError(f"{self.name}: step length h = {h:g} s at t = {t:.6g} s: it must be finite and not negative")
         self._check("u", "input", t)
         if self.pool is not None:
-            self.pool.reserve()
+            self.pool.reserve(self.u)
         status = self._functions[1](t, h)
         if status:
             self._report(status, t)

@@ -17,8 +17,11 @@ class Pool(Protocol):
 
     arrays: tuple[np.ndarray, ...]
 
-    def reserve(self) -> None:
-        """Make room for what one step may need; called before every step. Raises ModelError, in which case nothing has changed."""
+    def reserve(self, u: np.recarray) -> None:
+        """Make room for what one step with the inputs u may need; called before every step.
+
+        Raises ModelError, in which case nothing has changed.
+        """
 
     def save(self) -> object:
         """The content as it is now, at a cost in proportion to what changed since the last save."""
@@ -93,7 +96,7 @@ class RowPool:
         self.rows, self.marks, self._copied = (_resized(a, used, capacity) for a in (self.rows, self.marks, self._copied))
         self.arrays = (self.rows, self.marks, self.head, *self._others)
 
-    def reserve(self) -> None:
+    def reserve(self, u: np.recarray) -> None:
         """Double the rows if less than ``per_step`` are free, as far as ``limit`` allows."""
         capacity = len(self.rows)
         if capacity - self.head[0] < self.per_step and capacity < self.limit:

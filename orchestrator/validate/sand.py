@@ -45,7 +45,7 @@ def heap(height: Callable[[np.ndarray, np.ndarray], np.ndarray], reach: float, *
     n = math.ceil(reach / (cell * TILE))
     for i in range(-n * TILE, n * TILE, TILE):
         for j in range(-n * TILE, n * TILE, TILE):
-            instance.pool.reserve()
+            instance.pool.reserve(instance.u)
             rows, marks, head, ground, frame = instance.pool.arrays[:5]
             row = touch(instance.p, rows, marks, head, ground, frame, i // TILE, j // TILE)
             x, y = np.meshgrid((i + np.arange(TILE)) * cell, (j + np.arange(TILE)) * cell, indexing="ij")

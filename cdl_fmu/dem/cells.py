@@ -1,0 +1,125 @@
+"""Particles sorted by the cells of a grid, and slabs of it for threads.
+
+Each particle has a margin of its own by which it may move until the lists are made anew: fast particles have a wide one, particles at rest
+nearly none, so that the lists hold few pairs that do not touch.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..slave.kernel import kernel
+from .particles import (
+    CELLS_X,
+    CELLS_Y,
+    CELLS_Z,
+    LARGEST_MARGIN,
+    LEAST_CELLS,
+    LEAST_MARGIN,
+    MOST_SLABS,
+    PARTICLE,
+    SIDE,
+    SLABS,
+    V_X,
+    V_Y,
+    V_Z,
+    N,
+    R,
+    X,
+    Y,
+    Z,
+)
+
+#: Sum of the coordinates [m] beyond which a particle is lost. Own choice.
+FURTHEST = 1e6
+
+
+@kernel
+def sort_particles(grains, horizon):
+    """Sort the particles by cells, with margins for ``horizon`` [s]; their pairs are to be found next.
+
+    Returns False, with nothing done, if a particle is nowhere: its position is no number or beyond ``FURTHEST``.
+    """
+    count = grains.count
+    n, side = count[N], count[SIDE]
+    old, new, built = grains.body[side], grains.body[1 - side], grains.built
+    x_0 = y_0 = z_0 = math.inf
+    x_1 = y_1 = z_1 = -math.inf
+    reach, period_x, period_y = 0.0, grains.periods[0], grains.periods[1]
+    for i in range(n):
+        if period_x > 0.0:
+            old[i, X] -= period_x * math.floor(old[i, X] / period_x)
+        if period_y > 0.0:
+            old[i, Y] -= period_y * math.floor(old[i, Y] / period_y)
+        x, y, z, r = old[i, X], old[i, Y], old[i, Z], old[i, R]
+        if not abs(x) + abs(y) + abs(z) < FURTHEST:
+            return False
+        speed = math.sqrt(old[i, V_X] ** 2 + old[i, V_Y] ** 2 + old[i, V_Z] ** 2)
+        margin = min(max(speed * horizon, LEAST_MARGIN * r), LARGEST_MARGIN * r)
+        grains.force[i, 0] = margin  # in their old order
+        reach = max(reach, r + margin)
+        x_0, x_1, y_0, y_1, z_0, z_1 = min(x_0, x), max(x_1, x), min(y_0, y), max(y_1, y), min(z_0, z), max(z_1, z)
+    if period_x > 0.0:
+        x_0, x_1 = 0.0, period_x
+    if period_y > 0.0:
+        y_0, y_1 = 0.0, period_y
+    side_x = side_y = side_z = 2.0 * reach
+    # Longer cells where there are most: a particle that flies far away spoils one direction only, and a period keeps its three cells.
+    along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
+    while along_x * along_y * along_z > len(grains.cells) - 1:
+        if along_x >= along_y and along_x >= along_z:
+            side_x *= 1.2
+        elif along_y >= along_z:
+            side_y *= 1.2
+        else:
+            side_z *= 1.2
+        along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
+    n_x, n_y, n_z = math.floor((x_1 - x_0) / side_x) + 1, math.floor((y_1 - y_0) / side_y) + 1, math.floor((z_1 - z_0) / side_z) + 1
+    if period_x > 0.0:
+        n_x = max(n_x - 1, LEAST_CELLS)
+        side_x = period_x / n_x
+    if period_y > 0.0:
+        n_y = max(n_y - 1, LEAST_CELLS)
+        side_y = period_y / n_y
+    count[CELLS_X], count[CELLS_Y], count[CELLS_Z] = n_x, n_y, n_z
+    # Counting sort by cells, z fastest.
+    cells, cell, order = grains.cells, grains.cell, grains.order
+    n_cells = n_x * n_y * n_z
+    for c in range(n_cells + 1):
+        cells[c] = 0
+    for i in range(n):
+        c_x = min(int((old[i, X] - x_0) / side_x), n_x - 1)
+        c_y = min(int((old[i, Y] - y_0) / side_y), n_y - 1)
+        c_z = min(int((old[i, Z] - z_0) / side_z), n_z - 1)
+        cell[0, i] = (c_x * n_y + c_y) * n_z + c_z
+        cells[cell[0, i] + 1] += 1
+    for c in range(n_cells):
+        cells[c + 1] += cells[c]
+    for i in range(n):  # cells[c] is the next free place of cell c, and in the end where cell c + 1 begins
+        c = cell[0, i]
+        place = cells[c]
+        cells[c] += 1
+        order[place], cell[1, place] = i, c
+    for c in range(n_cells, 0, -1):
+        cells[c] = cells[c - 1]
+    cells[0] = 0
+    for i in range(n):
+        a = order[i]
+        for k in range(PARTICLE):
+            new[i, k] = old[a, k]
+        grains.ident[1 - side, i] = grains.ident[side, a]
+        if grains.orientation.shape[1] > 0:
+            for k in range(4):
+                grains.orientation[1 - side, i, k] = grains.orientation[side, a, k]
+        built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], new[i, R] + grains.force[a, 0]
+    for i in range(n):
+        grains.force[i, 0] = 0.0
+    # Slabs of whole layers of cells, an even number of them.
+    slabs = min(2 * ((n_x + 1) // 2), MOST_SLABS)
+    if period_x > 0.0 and n_x % 2 == 1:
+        slabs = min(n_x - 1, MOST_SLABS)
+    for s in range(slabs):
+        grains.slabs[s] = cells[min((s * n_x) // slabs if period_x > 0.0 else (s * (n_x + n_x % 2)) // slabs, n_x) * n_y * n_z]
+    grains.slabs[slabs] = n
+    count[SLABS] = slabs
+    return True

@@ -1,0 +1,246 @@
+"""The DEM model: records, checks and step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..contact import WHEEL_EVENTS
+from ..frames import vertical
+from ..mesh.surface import Surface, join, load_surface, nothing
+from ..slave.interface import (
+    ENVIRONMENT,
+    body_pose,
+    body_support,
+    body_wrench,
+    contact_jacobian,
+    diagnostics,
+    patch_in,
+    patch_out,
+    trailing_in,
+    wheel_active,
+    wheel_pose,
+    wheel_wrench,
+)
+from ..slave.kernel import MOST_THREADS
+from ..slave.model import Event, KernelModel, ModelError
+from ..slave.records import Array, Choice, Real, Record
+from ..soil import SOIL
+from ..wheel import WHEEL, check_wheel, tip_radius
+from .apriori import grains_of
+from .bed import BedKey
+from .columns import Ground
+from .library import Library, load_bed
+from .material import Material
+from .pool import Box, GrainPool
+from .scaling import check_box, check_feature
+from .sizes import Uniform
+from .step import (
+    ARGUMENTS,
+    BODY_NO_DATA,
+    BODY_STILL_NO_DATA,
+    BODY_TOO_DEEP,
+    DEEP,
+    FULL,
+    NO_MESH,
+    TOO_DEEP,
+    initialise,
+    parallel_step,
+    step,
+)
+from .tools import AROUND, MESH, PLANE, POSITION, SHAPE, mesh_shape, tools_of, wheel_shape
+from .tools import WHEEL as WHEEL_KIND
+
+#: Own choices: sides of the tile in mean diameters; diameters of particles below ``fine_depth`` over those above; diameters of the largest
+#: particle that move on all sides of a body.
+TILE, COARSER, BESIDE = 24.0, 2.0, 10.0
+
+_MEASURED = {name: SOIL.fields[name] for name in ("phi", "c", "rho")}
+
+#: Grains and their contacts.
+GRAIN = Record(
+    E=Real(1e7, "Pa", "Young's modulus of grains, softer than real ones: overlaps stay below 1 % of d", min=1e4, max=1e12),
+    nu=Real(0.3, "1", "Poisson's ratio", min=0.0, max=0.49),
+    e=Real(0.5, "1", "Coefficient of restitution", min=0.01, max=1.0),
+    mu=Real(0.5, "1", "Coefficient of friction", min=0.0, max=5.0),
+    mu_r=Real(0.1, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
+    cohesion=Real(0.0, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
+    density=Real(2600.0, "kg/m3", "Density of the grains", min=100.0, max=2e4),
+)
+#: What is different where particles touch wheels and bodies.
+SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
+
+
+class DEM(KernelModel):
+    """Discrete element model: the soil as particles (sections 8.3.16 to 8.3.19 of the chapter).
+
+    Particles touch each other, wheels and other bodies by the laws of ``cdl_fmu.dem.law``. The soil around each wheel moves, in a box that
+    goes with it; elsewhere it is held and stored as it came to rest, and comes back so. The bed is settled once for its parameters and kept
+    in the user's cache, or given as a file.
+
+    Within a step the tools go evenly from their last poses to the new ones, and what is told of their wrench is the mean over the step.
+
+    Args:
+        n_wheels: Number of wheels.
+        n_patches: Number of wheels of other tiers that get the heights around them.
+        n_bodies: Number of other bodies, such as a cone, a plate or a mole; each needs a mesh.
+    """
+
+    parameters = (
+        ENVIRONMENT
+        | WHEEL
+        | Record(
+            ground_z=Real(0.0, "m", "Height of the undisturbed ground, from which sinkage counts", min=-1e6, max=1e6),
+            contact_law=Choice("Normal force of contacts", hertz="Hertz-Mindlin", linear="Cundall and Strack's linear spring"),
+            grains=Choice(
+                "Where the parameters of the grains come from",
+                soil="the soil's phi, c, rho and porosity, without calibration (cdl_fmu.dem.apriori)",
+                given="grain.E, grain.mu and so on, as they are set here",
+            ),
+            **_MEASURED,
+            porosity=Real(0.42, "1", "Porosity of the bed", min=0.3, max=0.6),
+            grain=GRAIN,
+            surface=SURFACE,
+            d=Real(0.005, "m", "Mean diameter of the particles at the surface", min=1e-5, max=0.1),
+            d_spread=Real(0.1, "1", "Largest deviation from the mean, as a share of it", min=0.0, max=0.5),
+            depth=Real(0.15, "m", "Depth of the bed (1.2 radii of the wheel of Table 8.2)", min=1e-3, max=10.0),
+            fine_depth=Real(0.0, "m", "Depth from which on particles are coarser; 0 = nowhere", min=0.0, max=10.0),
+            box_length=Real(0.4, "m", "Length of the box around a wheel in which the soil moves, along its heading", min=0.0, max=100.0),
+            box_width=Real(0.25, "m", "Width of that box (2 widths of the wheel of Table 8.2)", min=0.0, max=100.0),
+            dt=Real(0.0, "s", "Substep; 0 = the longest that is safely stable", min=0.0, max=1e-2),
+            rest_speed=Real(2e-3, "m/s", "Speed below which particles outside the boxes are at rest", min=0.0, max=1.0),
+            patch_spacing=Real(0.03, "m", "Distance of nodes in the patches for other tiers (section 8.4.2)", min=1e-3, max=1.0),
+            seed=Real(1.0, "1", "Number of the bed, of those that differ by chance alone", min=0.0, max=1e6),
+            threads=Real(1.0, "1", "Threads that share the particles; no result depends on it", min=1.0, max=256.0),
+        )
+    )
+    events = WHEEL_EVENTS | {
+        FULL: Event(
+            "the particles have more contacts than there is room for: the bed is pressed together beyond all bounds; check dt = {p.dt:g} s, "
+            "grain.E = {p.grain[E]:g} Pa and the speed of wheels and bodies"
+        ),
+        TOO_DEEP: Event(
+            f"wheel {{i}}, its centre at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside "
+            "the bed, or jumped into it; start it at z = {p.ground_z:g} m + r_w + h_g or above, and let it down"
+        ),
+        BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
+        BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
+        BODY_TOO_DEEP: Event(
+            f"body {{i}}, at z = {{body.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, or "
+            "jumped into it; start it above ground_z = {p.ground_z:g} m, and let it down"
+        ),
+        NO_MESH: Event("body[{i}].mesh names no file: give the path of a closed mesh (.stl, .obj or .ply, in metres)"),
+    }
+    pool_class = GrainPool
+    arguments = ARGUMENTS
+    initialise_kernel = staticmethod(initialise)
+    step_kernel = staticmethod(step)
+    parallel_step_kernel = staticmethod(parallel_step)
+
+    def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0):
+        super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies)
+        sizes = {"p": n_patches, "b": n_bodies}
+        self.identifier = f"cdl_dem_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
+        self.files = {
+            "bed": "Bed of particles (.npz, as 'cdl dem bed' writes it); none = settled for these parameters, and kept",
+            "wheel_mesh": "Closed mesh of the wheels (.stl, .obj or .ply, in metres, y is the axle); none = cylinder with grousers",
+            **{f"body[{i + 1}].mesh": "Closed mesh of the body (.stl, .obj or .ply, in metres)" for i in range(n_bodies)},
+        }
+        self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | trailing_in(n_patches) | body_pose(n_bodies)
+        silent = Record(silent=Real(0.0, "1", "Steps without a pose"))
+        self.state = Record(wheel=Array(n_wheels, silent), body=Array(n_bodies, silent))
+        self.outputs = (
+            wheel_wrench(n_wheels)
+            | contact_jacobian(n_wheels)
+            | diagnostics(n_wheels)
+            | patch_out(n_patches)
+            | body_wrench(n_bodies)
+            | body_support(n_bodies)
+        )
+
+    def check(self, p) -> None:
+        check_wheel(p)
+        check_feature("h_g, the height of the grousers,", p.h_g, p.d) if p.n_g > 0.0 and p.h_g > 0.0 else None
+        check_box(p.box_width, p.depth, p.b_w, tip_radius.py_func(p))
+        if p.box_length < 2.0 * tip_radius.py_func(p):
+            raise ModelError(
+                f"box_length = {p.box_length:g} m: shorter than the wheel of {2.0 * tip_radius.py_func(p):g} m; use 3 radii or more"
+            )
+        for name in ("seed", "threads"):
+            if p[name] != math.floor(p[name]):
+                raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")
+        if p.threads > MOST_THREADS:
+            raise ModelError(
+                f"threads = {p.threads:g}: on this machine at most {MOST_THREADS}; numba's variable NUMBA_NUM_THREADS allows more"
+            )
+
+    def make_pool(self, p, files) -> GrainPool:
+        material = self._material(p)
+        bed = load_bed(files["bed"]) if "bed" in files else Library().get(self.bed_key(p))
+        smallest = float(bed.radii.min())
+        largest_step = material.largest_time_step(smallest)
+        if p.dt > largest_step:
+            raise ModelError(
+                f"dt = {p.dt:g} s: above the stability limit of particles of {2e3 * smallest:.3g} mm and E = {material.E:g} Pa; "
+                f"use at most {largest_step:.3g} s, or 0 for {material.time_step(smallest):.3g} s"
+            )
+        n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
+        names = [*["wheel_mesh"] * n_wheels, *(f"body[{i + 1}].mesh" for i in range(n_bodies))]
+        surfaces = [_surface(name, files) for name in names]
+        meshes = join(given) if (given := [surface for surface in surfaces if surface]) else nothing()
+        roots, shapes, kinds = [-1], [np.zeros(SHAPE)], [PLANE]
+        placed = iter(meshes.roots)
+        for k, surface in enumerate(surfaces):
+            roots.append(next(placed) if surface else -1)
+            kinds.append(MESH if surface or k >= n_wheels else WHEEL_KIND)
+            shapes.append(mesh_shape(surface) if surface else wheel_shape(p.r_w, p.b_w, p.n_g, p.h_g, p.t_g) if k < n_wheels else shapes[0])
+        touching = replace(material, **{name: float(p.surface[name]) for name in SURFACE.fields})
+        laws = [material.law(largest_step), *[touching.law(largest_step)] * len(surfaces)]
+
+        def new_tools(n: int):
+            tools = tools_of(kinds, shapes, roots, laws, n)
+            tools.poses[0, POSITION + 2] = tools.goals[0, POSITION + 2] = p.ground_z + bed.floor
+            tools.present[1:] = 0
+            return tools
+
+        boxes = [Box(0.5 * p.box_length, 0.5 * p.box_width)] * n_wheels
+        boxes += [Box(*[s[AROUND] + BESIDE * bed.key.largest] * 2) for s in shapes[1 + n_wheels :]]
+        settings = np.array([p.dt or material.time_step(smallest), *_gravity(p)])
+        patches = (self.sizes["n_patches"], *patch_in(1).fields["patch"].record.fields["z"].shape), p.patch_spacing
+        return GrainPool(Ground(bed, p.ground_z), new_tools, meshes, laws[0], settings, boxes, patches, p.rest_speed)
+
+    def bed_key(self, p) -> BedKey:
+        """What the bed for these parameters is made from. Raises ModelError for parameters that no bed can have."""
+        low, high = (p.d * (1.0 - p.d_spread), p.d * (1.0 + p.d_spread))
+        return BedKey(
+            material=self._material(p),
+            sizes=Uniform(low, high),
+            porosity=float(p.porosity),
+            depth=float(p.depth),
+            size=(TILE * p.d, TILE * p.d),
+            gravity=_gravity(p),
+            refinement=((float(p.fine_depth), COARSER),) if p.fine_depth else (),
+            seed=int(p.seed),
+        )
+
+    def _material(self, p) -> Material:
+        """The grains' material."""
+        linear = p.contact_law == DEM.parameters.fields["contact_law"].value("linear")
+        if p.grains == DEM.parameters.fields["grains"].value("given"):
+            return Material(**{name: float(p.grain[name]) for name in GRAIN.fields}, linear=linear)
+        return grains_of(phi=float(p.phi), c=float(p.c), rho=float(p.rho), porosity=float(p.porosity), linear=linear)
+
+
+def _gravity(p) -> tuple[float, float, float]:
+    return tuple(-float(p.gravity) * axis for axis in vertical(p.slope, p.uphill))
+
+
+def _surface(name: str, files) -> Surface | None:
+    if name not in files:
+        return None
+    try:
+        return load_surface(files[name])
+    except ModelError as error:
+        raise ModelError(f"{name} = {error}") from None

@@ -1,0 +1,279 @@
+"""The soil of a DEM instance: what is live around its tools, in the arrays that the kernels work on, and all the rest in columns."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..contact import has_pose, is_set
+from .columns import Live, SavedGround, ground_from_arrays, ground_to_arrays, keys_of
+from .particles import FREE, HISTORY, LENGTH, PAIRS, SIDE, STALE, V_X, V_Z, N, empty_particles
+from .patches import patch_heights
+from .tools import KEPT
+from .touch import MOST
+
+#: Steps between two looks at whether what lies outside the boxes has come to rest, and how many looks have to find it at rest: a particle
+#: at the top of its flight does not move either. Own choice.
+_LOOK, _LOOKS = 10, 3
+#: Room beyond what is live, so that it need not be made anew often.
+_SPARE = 1.3
+
+
+class Box(NamedTuple):
+    """Where the soil moves around a tool, along its heading and across [m], from its middle."""
+
+    half_length: float
+    half_width: float
+
+
+class SavedGrains(NamedTuple):
+    """Content of a :class:`GrainPool`: copies of what is live; stored columns are never changed in place and shared with other saves."""
+
+    arrays: dict[str, np.ndarray]
+    ground: SavedGround
+    calm: dict[int, int]
+
+
+class GrainPool:
+    """Live particles and tools for the kernels, and the ground they are taken from.
+
+    The kernels get the arrays of ``Particles``, of ``Tools``, of ``Meshes``, the law of the particles, the longest substep [s] and gravity
+    [m/s2], and the patches: origin, revision, heights of each.
+
+    Args:
+        ground: All the soil.
+        new_tools: Makes ``Tools`` for a number of particles: the floor, then wheels, then bodies.
+        meshes: Surfaces of the bodies.
+        law: Contact law of the particles.
+        settings: Longest substep [s] and gravity [m/s2], [4].
+        boxes: Active box of each wheel and body.
+        patches: Shape of the patches [n, nodes along x, along y], and distance of their nodes [m].
+        rest_speed: Speed below which a particle rests [m/s].
+    """
+
+    def __init__(self, ground, new_tools, meshes, law, settings, boxes, patches, rest_speed):
+        self.ground, self._new_tools, self._meshes, self._boxes, self._rest_speed = ground, new_tools, meshes, boxes, rest_speed
+        (n, *self._nodes), self._spacing = patches
+        self._law, self._settings = law, settings
+        self._patches = np.zeros((n, 3 + math.prod(self._nodes)))
+        self._active = np.zeros(0, np.int64)  # columns that move
+        self._wanted = self._active  # those in the boxes
+        self._calm: dict[int, int] = {}  # looks that found a column outside the boxes at rest
+        self._calls = 0
+        self._make_room(1)
+
+    def _make_room(self, n: int) -> None:
+        tools = self._tools if hasattr(self, "_tools") else None
+        self._grains, self._tools = empty_particles(n, precision=self._law.dtype), self._new_tools(n)
+        if tools is not None:
+            for name in ("kinds", "laws", "poses", "goals", "turns", "sums"):
+                getattr(self._tools, name)[:] = getattr(tools, name)
+        self.arrays = (*self._grains, *self._tools, *self._meshes, self._law, self._settings, self._patches)
+
+    @property
+    def live(self) -> np.ndarray:
+        """Records of the particles that are live, [n, PARTICLE]; a view."""
+        count = self._grains.count
+        return self._grains.body[count[SIDE], : count[N]]
+
+    # -- the moving boxes
+
+    def reserve(self, u) -> None:
+        """Make the columns around the tools live, and store those that rest elsewhere; patches follow their wheels."""
+        self._calls += 1
+        look = self._calls % _LOOK == 0
+        wanted = self._columns_wanted(u)
+        if look or not np.array_equal(wanted, self._wanted):
+            self._wanted = wanted
+            active = np.union1d(wanted, self._restless(wanted, look))
+            if not np.array_equal(active, self._active):
+                self._active = active
+                self._exchange()
+        for k, trailing in enumerate(u.trailing if len(self._patches) else ()):
+            self._follow(self._patches[k], trailing.r_0, look)
+
+    def _columns_wanted(self, u) -> np.ndarray:
+        side, found = self.ground.column, []
+        tools = [*u.wheel, *(u.body if "body" in u.dtype.names else ())]
+        for tool, box in zip(tools, self._boxes):
+            if not has_pose(tool) or ("active" in tool.dtype.names and tool.active == 0.0):
+                continue
+            axle = tool.T[1, :2] / max(np.hypot(*tool.T[1, :2]), 1e-9)
+            reach = math.hypot(*box) + side
+            i, j = (np.arange(math.floor((x - reach) / side), math.ceil((x + reach) / side)) for x in tool.r_0[:2])
+            x, y = np.meshgrid((i + 0.5) * side - tool.r_0[0], (j + 0.5) * side - tool.r_0[1], indexing="ij")
+            inside = (abs(x * axle[1] - y * axle[0]) <= box.half_length + 0.5 * side) & (
+                abs(x * axle[0] + y * axle[1]) <= box.half_width + 0.5 * side
+            )
+            found.append(keys_of(*np.meshgrid(i, j, indexing="ij"))[inside])
+        return np.unique(np.concatenate(found)) if found else np.zeros(0, np.int64)
+
+    def _restless(self, wanted: np.ndarray, look: bool) -> np.ndarray:
+        """Columns outside the boxes whose particles have not been seen at rest often enough."""
+        bodies = self.live[self.live[:, FREE] > 0.0]
+        keys = self.ground.columns_of(bodies)
+        outside = ~np.isin(keys, wanted)
+        fast = (bodies[:, V_X : V_Z + 1] ** 2).sum(axis=1) > self._rest_speed**2
+        columns, moving = np.unique(keys[outside]), set(keys[outside & fast].tolist())
+        calm = {}
+        for key in columns.tolist():
+            calm[key] = 0 if key in moving else self._calm.get(key, 0) + look
+        self._calm = calm
+        return np.array(sorted(key for key, looks in calm.items() if looks < _LOOKS), np.int64)
+
+    def _exchange(self) -> None:
+        live = self.ground.exchange(self._live(), self._active)
+        touching = self._touching()
+        if len(live.bodies) > self._grains.body.shape[1]:
+            self._make_room(math.ceil(_SPARE * len(live.bodies)))
+        self._place(live, touching)
+
+    def _live(self) -> Live:
+        g, t = self._grains, self._tools
+        n, side = g.count[N], g.count[SIDE]
+        ident, first = g.ident[side, :n], g.first[side, : n + 1]
+        m = g.count[PAIRS]
+        history = _of_pairs(g.history[side], m)
+        used = np.any(history != 0.0, axis=1)
+        a = np.repeat(np.arange(n), np.diff(first))[used] if m else np.zeros(0, np.int64)
+        b = g.partner[side, :m][used]
+        on_floor = slice(t.first[side, 0], t.first[side, 1])
+        return Live(
+            g.body[side, :n].copy(),
+            ident.copy(),
+            ident[a],
+            ident[b],
+            history[used],
+            ident[t.particle[side, on_floor]],
+            t.kept[side, on_floor, 0].copy(),
+        )
+
+    def _touching(self):
+        """Tool, number of the particle and history of each touch of wheels and bodies."""
+        g, t = self._grains, self._tools
+        side = g.count[SIDE]
+        first = t.first[side]
+        these = slice(first[1], first[-1])
+        tool = np.repeat(np.arange(len(t.kinds)), np.diff(first))[these]
+        return tool, g.ident[side][t.particle[side, these]], t.kept[side, these].copy()
+
+    def _place(self, live: Live, touching) -> None:
+        """Fill the arrays; lists are made anew at the next substep."""
+        g, t = self._grains, self._tools
+        n = len(live.bodies)
+        g.body[0, :n], g.ident[0, :n] = live.bodies, live.ident
+        g.force[:] = 0.0
+        order = np.argsort(live.ident)
+        a, b = (order[np.searchsorted(live.ident, numbers, sorter=order)] for numbers in (live.a, live.b))
+        by_first = np.argsort(a, kind="stable")
+        g.first[0, : n + 1] = np.searchsorted(a[by_first], np.arange(n + 1))
+        g.partner[0, : len(b)] = b[by_first]
+        _set_pairs(g.history[0], live.history[by_first])
+        tool, ident, kept = touching
+        resting = np.zeros((len(live.resting), MOST, KEPT))
+        resting[:, 0] = live.kept
+        tool = np.concatenate([np.zeros(len(resting), np.int64), tool])
+        ident, kept = np.concatenate([live.resting, ident]), np.concatenate([resting, kept])
+        here = np.isin(ident, live.ident)
+        tool, ident, kept = tool[here], ident[here], kept[here]
+        t.first[0] = np.searchsorted(tool, np.arange(len(t.kinds) + 1))
+        t.particle[0, : len(ident)] = order[np.searchsorted(live.ident, ident, sorter=order)]
+        t.kept[0, : len(ident)] = kept
+        g.count[N], g.count[SIDE], g.count[PAIRS], g.count[STALE] = n, 0, len(b), 1
+
+    # -- the surface
+
+    def _follow(self, patch: np.ndarray, r_0: np.ndarray, look: bool) -> None:
+        """Heights around a wheel of another tier: at once where it moves on, else now and then, as the soil may still move."""
+        if not is_set(r_0):
+            return
+        corner = [math.floor(x / self._spacing + 0.5) - n // 2 for x, n in zip(r_0, self._nodes)]
+        origin = np.array(corner) * self._spacing
+        if look or patch[2] == 0.0 or np.any(patch[:2] != origin):
+            z = patch_heights(self.ground, self.live, origin, self._spacing, self._nodes).ravel()
+            if patch[2] == 0.0 or np.any(patch[:2] != origin) or np.any(patch[3:] != z):
+                patch[:2], patch[2], patch[3:] = origin, patch[2] + 1.0, z
+
+    # -- the whole state
+
+    def save(self) -> SavedGrains:
+        """Copies of what is live."""
+        g, t = self._grains, self._tools
+        n, side = g.count[N], g.count[SIDE]
+        touches = t.first[side, -1]
+        arrays = dict(
+            count=g.count.copy(),
+            body=g.body[side, :n].copy(),
+            ident=g.ident[side, :n].copy(),
+            built=g.built[:n].copy(),
+            first=g.first[side, : n + 1].copy(),
+            partner=g.partner[side, : g.count[PAIRS]].copy(),
+            history=_of_pairs(g.history[side], g.count[PAIRS]),
+            slabs=g.slabs.copy(),
+            kinds=t.kinds.copy(),
+            poses=t.poses.copy(),
+            margins=t.margins.copy(),
+            sums=t.sums.copy(),
+            touch_first=t.first[side].copy(),
+            particle=t.particle[side, :touches].copy(),
+            kept=t.kept[side, :touches].copy(),
+            patches=self._patches.copy(),
+            active=self._active,
+            wanted=self._wanted,
+            calls=np.array(self._calls),
+        )
+        return SavedGrains(arrays, self.ground.save(), self._calm.copy())
+
+    def restore(self, saved: SavedGrains) -> None:
+        """Go back, to the same bits."""
+        s = saved.arrays
+        n, side = s["count"][N], s["count"][SIDE]
+        if n > self._grains.body.shape[1]:
+            self._make_room(math.ceil(_SPARE * n))
+        g, t = self._grains, self._tools
+        g.count[:] = s["count"]
+        g.body[side, :n], g.ident[side, :n], g.built[:n], g.first[side, : n + 1] = s["body"], s["ident"], s["built"], s["first"]
+        g.partner[side, : len(s["partner"])] = s["partner"]
+        _set_pairs(g.history[side], s["history"])
+        g.slabs[:], g.force[:] = s["slabs"], 0.0
+        t.kinds[:], t.poses[:], t.margins[:], t.sums[:] = s["kinds"], s["poses"], s["margins"], s["sums"]
+        touches = len(s["particle"])
+        t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
+        self._patches[:] = s["patches"]
+        self._active, self._wanted, self._calls = s["active"], s["wanted"], int(s["calls"])
+        self.ground.restore(saved.ground)
+        self._calm = saved.calm.copy()
+
+    @staticmethod
+    def to_bytes(saved: SavedGrains) -> bytes:
+        """An archive of arrays."""
+        parts = {**saved.arrays, **ground_to_arrays(saved.ground), "calm": np.array(list(saved.calm.items()), np.int64).reshape(-1, 2)}
+        memory = io.BytesIO()
+        np.savez(memory, **parts)
+        return memory.getvalue()
+
+    @staticmethod
+    def from_bytes(data: bytes) -> SavedGrains:
+        """What ``to_bytes`` wrote."""
+        with np.load(io.BytesIO(data)) as archive:
+            parts = dict(archive)
+        calm = {int(key): int(looks) for key, looks in parts.pop("calm")}
+        ground = ground_from_arrays(parts)
+        return SavedGrains(parts, ground, calm)
+
+
+def _of_pairs(history: np.ndarray, m: int) -> np.ndarray:
+    """History pair by pair, [m, HISTORY], from blocks."""
+    blocks = -(-int(m) // LENGTH)
+    return history[: blocks * HISTORY * LENGTH].reshape(blocks, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[:m].copy()
+
+
+def _set_pairs(history: np.ndarray, values: np.ndarray) -> None:
+    """Write history pair by pair into blocks."""
+    blocks = -(-len(values) // LENGTH)
+    padded = np.zeros((blocks * LENGTH, HISTORY))
+    padded[: len(values)] = values
+    history[: blocks * HISTORY * LENGTH] = padded.reshape(blocks, LENGTH, HISTORY).transpose(0, 2, 1).ravel()

@@ -1,0 +1,235 @@
+"""Making a bed: particles are laid in loose layers, fall, are compacted to their porosity, levelled, and come to rest.
+
+Porosity is set by friction during the preparation: with that of the material the bed settles loosest. Then all friction is lowered evenly
+with time, and the bed compacts throughout, until its bulk has the porosity asked for; without friction it is densest. With the material's
+friction back it stands at once.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..slave.model import ModelError
+from .bed import Bed, BedKey, porosity_between, surface_of
+from .contacts import Contacts, contacts_among, contacts_of, no_contacts, normal_forces
+from .memory import check_memory
+from .particles import V_X, W_X, M, R, X
+from .scaling import check_overlap
+from .simulation import Simulation
+
+Progress = Callable[[str, float], None]
+
+#: What a bed reached: its porosity is within this of the one asked for.
+TOLERANCE = 0.003
+#: At rest: kinetic energy of a particle over m g d, and mean force left on a particle over the mean normal force of a contact.
+MOST_ENERGY, MOST_UNBALANCE = 1e-5, 1e-3
+
+# Own choices: by how fast beds of 5 to 10 mm settle, and what they are like.
+_PITCH = 1.1  # distance of the particles as laid, in diameters of the largest
+_OVERFILL = 2.0  # diameters of the largest that are laid above the surface, to be taken away
+_RESTITUTION = 0.1  # of settling, at most
+_FALLEN = 2e-2  # kinetic energy over m g d below which all have fallen
+_CALM = 5e-4  # and below which the loose bed stands
+_SHARE = 0.9  # of the longest stable time step
+_RAMP, _STAGES = 3.0, 75  # time in which friction falls to 0, in sqrt(depth / g), and its steps
+_BEGIN = 0.75  # share of friction from which it falls: above, nothing moves
+_KEPT, _SUBSTEPS = 0.9, 20  # share of velocities kept each so many substeps while a bed comes to rest
+_LONGEST = 60.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
+
+
+def settle(key: BedKey, progress: Progress = lambda stage, share: None) -> Bed:
+    """Make a bed: equal keys give equal bits.
+
+    Args:
+        key: What to make it from.
+        progress: Called now and then with what is done now ("falling", "compacting", "coming to rest") and the share done of it.
+
+    Raises:
+        ModelError: The porosity is out of reach, the bed does not come to rest (as on a slope above its angle of repose), or there is not
+            enough memory.
+    """
+    return _Settling(key, progress).bed()
+
+
+class _Settling:
+    def __init__(self, key: BedKey, progress: Progress):
+        self.key, self.progress = key, progress
+        self.gravity = math.hypot(*key.gravity)
+        self.periods = tuple(key.column * count for count in key.counts)
+        self.time = math.sqrt(key.depth / self.gravity)
+        check_overlap(key.material, (1.0 - key.porosity) * key.material.density * self.gravity * key.depth)
+
+    def bed(self) -> Bed:
+        key = self.key
+        calm = replace(key.material, e=min(key.material.e, _RESTITUTION))
+        simulation = self._simulation(*self._laid(), no_contacts(), calm, (0.0, 0.0, -self.gravity))
+        self._fall(simulation)
+        self._compact(simulation, calm)
+        positions, radii, contacts = self._levelled(simulation)
+        simulation = self._simulation(positions, radii, contacts, calm, key.gravity)
+        self._rest(simulation)
+        positions, contacts = self._positions(simulation), contacts_of(simulation)
+        surface = surface_of(key, positions, radii, self.periods, key.column)
+        positions[:, 2] -= surface
+        bed = Bed(key, positions, radii, self.periods, key.counts, -surface, contacts)
+        if abs(bed.porosity - key.porosity) > TOLERANCE:
+            warnings.warn(f"the bed's porosity is {bed.porosity:.4f}, {key.porosity:g} was asked for", stacklevel=3)
+        return bed
+
+    def _laid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres [m] and radii [m] of particles in a loose grid, from the floor up, the coarsest below."""
+        key, rng = self.key, np.random.default_rng(self.key.seed)
+        area = self.periods[0] * self.periods[1]
+        layers, numbers = key.layers[::-1], []
+        for layer in layers:
+            thick = layer.top - layer.bottom + (_OVERFILL * key.scale * key.sizes.d_max if layer is layers[-1] else 0.0)
+            numbers.append(math.ceil((1.0 - key.porosity) * area * thick / (layer.factor**3 * key.sizes.mean_volume)))
+        check_memory(sum(numbers))
+        positions, radii, z = [], [], 0.0
+        for layer, n in zip(layers, numbers):
+            d_max = layer.factor * key.sizes.d_max
+            n_x, n_y = (max(int(period / (_PITCH * d_max)), 1) for period in self.periods)
+            k = np.arange(n)
+            grid = np.stack([k % n_x, k // n_x % n_y, k // (n_x * n_y)], axis=1) + 0.5
+            # Moved at random as far as none touches another.
+            moved = rng.uniform(-0.5, 0.5, (n, 3)) * (_PITCH - 1.0) * d_max
+            positions.append(grid * [self.periods[0] / n_x, self.periods[1] / n_y, _PITCH * d_max] + moved + [0.0, 0.0, z])
+            radii.append(0.5 * layer.factor * key.sizes.draw(n, rng))
+            z += _PITCH * d_max * math.ceil(n / (n_x * n_y))
+        return np.concatenate(positions), np.concatenate(radii)
+
+    def _simulation(self, positions, radii, contacts: Contacts, material, gravity) -> Simulation:
+        key = replace(self.key, material=material, gravity=gravity)
+        dt = _SHARE * material.largest_time_step(radii.min())
+        return Bed(key, positions, radii, self.periods, key.counts, 0.0, contacts).simulation(dt=dt)
+
+    def _fall(self, simulation: Simulation) -> None:
+        """All particles fall and stand."""
+        stage, began = 0.2 * self.time, math.sqrt(2.0 * self.key.diameter / self.gravity)
+        highest = self._energy_of_fall(simulation)
+        while simulation.time < began or self._energy(simulation) > _FALLEN:
+            simulation.step(stage)
+            self.progress("falling", 1.0 - self._energy_of_fall(simulation) / highest)
+            self._check_time(simulation)
+        while self._energy(simulation) > _CALM:
+            self._calm(simulation, 0.1 * stage)
+            self._check_time(simulation)
+
+    def _compact(self, simulation: Simulation, calm) -> None:
+        """Friction falls until the bulk has its porosity."""
+        key = self.key
+        loosest = now = self._porosity(simulation)
+        if loosest < key.porosity - TOLERANCE:
+            raise ModelError(
+                f"porosity = {key.porosity:g}: these particles settle to at most {loosest:.3f}; ask for less, or raise mu = "
+                f"{key.material.mu:g}, mu_r = {key.material.mu_r:g} or cohesion = {key.material.cohesion:g} Pa"
+            )
+        stage, k = _RAMP * self.time / _STAGES, 0
+        while now > key.porosity:
+            k += 1
+            share = _BEGIN * max(1.0 - k / _STAGES, 0.0)
+            simulation.material = replace(calm, mu=share * calm.mu, mu_r=share * calm.mu_r)
+            simulation.tools[0].material = simulation.material
+            before = now
+            simulation.step(stage)
+            now = self._porosity(simulation)
+            self.progress("compacting", min((loosest - now) / (loosest - key.porosity), 1.0))
+            if share == 0.0 and k % _STAGES == 0 and before - now < 1e-4 and self._energy(simulation) < 10.0 * _CALM:
+                raise ModelError(
+                    f"porosity = {key.porosity:g}: these particles settle to between {now:.3f} and {loosest:.3f}; ask for one within, or "
+                    "for sizes that vary more"
+                )
+        simulation.material = simulation.tools[0].material = calm
+        while self._energy(simulation) > _CALM:
+            self._calm(simulation, 0.02 * self.time)
+            self._check_time(simulation)
+
+    def _levelled(self, simulation: Simulation) -> tuple[np.ndarray, np.ndarray, Contacts]:
+        """Particles and contacts that are left where all above a height are taken away, so that the mean surface is at the depth wanted."""
+        key, positions, radii = self.key, self._positions(simulation), self._radii(simulation)
+        tops = positions[:, 2] + radii
+        low, high = key.depth - 2.0 * key.diameter, key.depth + _OVERFILL * key.diameter
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            kept = tops < middle
+            below = surface_of(key, positions[kept], radii[kept], self.periods, key.column) < key.depth
+            low, high = (middle, high) if below else (low, middle)
+        return positions[kept], radii[kept], contacts_among(contacts_of(simulation), kept)
+
+    def _rest(self, simulation: Simulation) -> None:
+        unrest, first = math.inf, 0.0
+        while unrest > 1.0:
+            self._calm(simulation, 0.1 * self.time)
+            self._check_time(simulation)
+            energy, unbalance = rest_of(simulation, self.key.diameter)
+            unrest = max(energy / MOST_ENERGY, unbalance / MOST_UNBALANCE)
+            first = first or max(math.log(unrest), 1e-3)
+            self.progress("coming to rest", min(max(1.0 - math.log(unrest) / first, 0.0), 1.0))
+
+    def _calm(self, simulation: Simulation, h: float) -> None:
+        """Go on by about h [s] with a drag on all particles."""
+        for _ in range(math.ceil(h / (_SUBSTEPS * simulation.dt))):
+            simulation.step(_SUBSTEPS * simulation.dt)
+            simulation.bodies[:, V_X : V_X + 3] *= _KEPT
+            simulation.bodies[:, W_X : W_X + 3] *= _KEPT
+
+    def _check_time(self, simulation: Simulation) -> None:
+        if simulation.time > _LONGEST * self.time:
+            slope = math.degrees(math.acos(-self.key.gravity[2] / self.gravity))
+            raise ModelError(
+                f"the bed is not at rest after {simulation.time:.3g} s: on its slope of {slope:.3g} deg it flows; tilt gravity less, or "
+                f"raise mu = {self.key.material.mu:g} or mu_r = {self.key.material.mu_r:g}"
+            )
+
+    def _energy(self, simulation: Simulation) -> float:
+        """Kinetic energy of the particles over m g d."""
+        return simulation.kinetic_energy / (simulation.bodies[:, M].sum() * self.gravity * self.key.diameter)
+
+    def _energy_of_fall(self, simulation: Simulation) -> float:
+        """Height [m] of the centre of mass above that of the bed wanted."""
+        mass = simulation.bodies[:, M]
+        return max(float(mass @ simulation.bodies[:, X + 2]) / mass.sum() - 0.5 * self.key.depth, 0.0)
+
+    def _porosity(self, simulation: Simulation) -> float:
+        """Porosity of the bulk."""
+        positions, radii = self._positions(simulation), self._radii(simulation)
+        surface = min(surface_of(self.key, positions, radii, self.periods, self.key.column), self.key.depth)
+        bulk = self.key.bulk(0.0, surface)
+        return float(porosity_between(positions[:, 2], radii, self.periods, np.array(bulk))[0])
+
+    def _positions(self, simulation: Simulation) -> np.ndarray:
+        """Centres [m] by their numbers, within the periods."""
+        positions = np.empty((len(simulation.ident), 3))
+        positions[simulation.ident] = simulation.bodies[:, X : X + 3]
+        positions[:, :2] %= self.periods
+        return positions
+
+    def _radii(self, simulation: Simulation) -> np.ndarray:
+        """Radii [m] by their numbers."""
+        radii = np.empty(len(simulation.ident))
+        radii[simulation.ident] = simulation.bodies[:, R]
+        return radii
+
+
+def rest_of(simulation: Simulation, diameter: float) -> tuple[float, float]:
+    """How far particles are from rest: mean kinetic energy over m g d, and mean force left over the mean normal force of a contact.
+
+    It makes a substep, after which velocities tell the forces.
+
+    Args:
+        simulation: Particles on their floor.
+        diameter: d [m].
+    """
+    before = np.empty((len(simulation.ident), 3))
+    before[simulation.ident] = simulation.bodies[:, V_X : V_X + 3]
+    simulation.step(simulation.dt)
+    bodies = simulation.bodies
+    left = bodies[:, M] * np.linalg.norm(bodies[:, V_X : V_X + 3] - before[simulation.ident], axis=1) / simulation.dt
+    forces = normal_forces(simulation)
+    energy = simulation.kinetic_energy / (bodies[:, M].sum() * np.linalg.norm(simulation.gravity) * diameter)
+    return energy, float(left.mean() / forces.mean()) if len(forces) else math.inf
