@@ -224,7 +224,7 @@ def replicate(bed: Bed, n_x: int, n_y: int) -> Bed:
         images=images.reshape(-1, 2).astype(np.int8),
         shear=repeated(c.shear),
         roll=repeated(c.roll),
-        floor=(c.floor + n * np.arange(len(copies))[:, None]).ravel().astype(np.int32),
+        on_floor=(c.on_floor + n * np.arange(len(copies))[:, None]).ravel().astype(np.int32),
         floor_shear=repeated(c.floor_shear),
         floor_roll=repeated(c.floor_roll),
     )

@@ -20,7 +20,7 @@ class Contacts(NamedTuple):
         images: Which image of the second one the first one touches: moved by so many periods along x and y, int8 [m, 2].
         shear: Tangential displacement of the first particle against the second [m], [m, 3].
         roll: Rolling angle of the first particle against the second [rad], [m, 3].
-        floor: Particles that touch the floor, int32 [k].
+        on_floor: Particles that touch the floor, int32 [k].
         floor_shear, floor_roll: As ``shear`` and ``roll``, against the floor, [k, 3].
     """
 
@@ -28,7 +28,7 @@ class Contacts(NamedTuple):
     images: np.ndarray
     shear: np.ndarray
     roll: np.ndarray
-    floor: np.ndarray
+    on_floor: np.ndarray
     floor_shear: np.ndarray
     floor_roll: np.ndarray
 
@@ -53,14 +53,14 @@ def contacts_of(simulation: Simulation) -> Contacts:
     begin, end = tools.first[side, :2]
     kept = tools.kept[side, begin:end, 0]  # a plane has one row
     met = kept[:, NORMAL : NORMAL + 3].any(axis=1)
-    floor = ident[tools.particle[side, begin:end]][met].astype(np.int32)
-    by_number = np.argsort(floor)
+    on_floor = ident[tools.particle[side, begin:end]][met].astype(np.int32)
+    by_number = np.argsort(on_floor)
     return Contacts(
         pairs=pairs[order],
         images=images[touch][order],
         shear=history[order, SHEAR : SHEAR + 3].astype(float),
         roll=history[order, ROLL : ROLL + 3].astype(float),
-        floor=floor[by_number],
+        on_floor=on_floor[by_number],
         floor_shear=kept[met][by_number, SLID : SLID + 3],
         floor_roll=kept[met][by_number, ROLLED : ROLLED + 3],
     )
@@ -77,9 +77,9 @@ def put_contacts(simulation: Simulation, contacts: Contacts) -> None:
     history = grains.history[0].reshape(-1, HISTORY, LENGTH)
     history[block, SHEAR : SHEAR + 3, place] = contacts.shear[order]
     history[block, ROLL : ROLL + 3, place] = contacts.roll[order]
-    k = len(contacts.floor)
+    k = len(contacts.on_floor)
     tools.first[0, 1:] = k
-    tools.particle[0, :k] = contacts.floor
+    tools.particle[0, :k] = contacts.on_floor
     tools.kept[0, :k, 0, NORMAL + 2] = 1.0
     tools.kept[0, :k, 0, SLID : SLID + 3] = contacts.floor_shear
     tools.kept[0, :k, 0, ROLLED : ROLLED + 3] = contacts.floor_roll
@@ -88,15 +88,15 @@ def put_contacts(simulation: Simulation, contacts: Contacts) -> None:
 def contacts_among(contacts: Contacts, kept: np.ndarray) -> Contacts:
     """Contacts that are left, by new numbers, where only some particles are kept, bool [n]."""
     number = (np.cumsum(kept) - 1).astype(np.int32)
-    both, on_floor = kept[contacts.pairs].all(axis=1), kept[contacts.floor]
+    both, floored = kept[contacts.pairs].all(axis=1), kept[contacts.on_floor]
     return Contacts(
         number[contacts.pairs[both]],
         contacts.images[both],
         contacts.shear[both],
         contacts.roll[both],
-        number[contacts.floor[on_floor]],
-        contacts.floor_shear[on_floor],
-        contacts.floor_roll[on_floor],
+        number[contacts.on_floor[floored]],
+        contacts.floor_shear[floored],
+        contacts.floor_roll[floored],
     )
 
 

@@ -27,7 +27,7 @@ Progress = Callable[[str, float], None]
 #: What a bed reached: its porosity is within this of the one asked for.
 TOLERANCE = 0.003
 #: At rest: kinetic energy of a particle over m g d, and mean force left on a particle over the mean normal force of a contact.
-MOST_ENERGY, MOST_UNBALANCE = 1e-5, 1e-3
+MOST_ENERGY, MOST_UNBALANCE = 1e-6, 1e-3
 
 # Own choices: by how fast beds of 5 to 10 mm settle, and what they are like.
 _PITCH = 1.1  # distance of the particles as laid, in diameters of the largest
@@ -39,6 +39,7 @@ _SHARE = 0.9  # of the longest stable time step
 _RAMP, _STAGES = 3.0, 75  # time in which friction falls to 0, in sqrt(depth / g), and its steps
 _BEGIN = 0.75  # share of friction from which it falls: above, nothing moves
 _KEPT, _SUBSTEPS = 0.9, 20  # share of velocities kept each so many substeps while a bed comes to rest
+_FREE = 2.0  # time for which it stays there without drag, in sqrt(d / g)
 _LONGEST = 60.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
 
 
@@ -162,14 +163,22 @@ class _Settling:
         return positions[kept], radii[kept], contacts_among(contacts_of(simulation), kept)
 
     def _rest(self, simulation: Simulation) -> None:
-        unrest, first = math.inf, 0.0
+        """The bed comes to rest with a drag, and stays there without: single grains that hang on others fall meanwhile."""
+        first, unrest = 0.0, math.inf
         while unrest > 1.0:
-            self._calm(simulation, 0.1 * self.time)
-            self._check_time(simulation)
-            energy, unbalance = rest_of(simulation, self.key.diameter)
-            unrest = max(energy / MOST_ENERGY, unbalance / MOST_UNBALANCE)
-            first = first or max(math.log(unrest), 1e-3)
-            self.progress("coming to rest", min(max(1.0 - math.log(unrest) / first, 0.0), 1.0))
+            while unrest > 1.0:
+                self._calm(simulation, 0.1 * self.time)
+                self._check_time(simulation)
+                unrest = self._unrest(simulation)
+                first = first or max(math.log(unrest), 1e-3)
+                self.progress("coming to rest", min(max(1.0 - math.log(unrest) / first, 0.0), 1.0))
+            simulation.step(_FREE * math.sqrt(self.key.diameter / self.gravity))
+            unrest = self._unrest(simulation)
+
+    def _unrest(self, simulation: Simulation) -> float:
+        """How far the particles are from rest; at rest below 1."""
+        energy, unbalance = rest_of(simulation, self.key.diameter)
+        return max(energy / MOST_ENERGY, unbalance / MOST_UNBALANCE)
 
     def _calm(self, simulation: Simulation, h: float) -> None:
         """Go on by about h [s] with a drag on all particles."""
