@@ -26,8 +26,10 @@ N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, COUNT = range(9)
 
 #: Room for pairs, for each particle; spheres of two sizes have about 3 that touch.
 PAIRS_EACH = 8
-#: Rows of the memory in which a slab works on a block: see ``pairs``.
-BUFFER = 14
+#: Rows of the memory in which a slab works on a block: what ``pairs`` gathers, and in place of D, A and B the force and torque on both
+#: particles; with shapes, their quaternions, and in place of U what the contact points to.
+D_X, D_Y, D_Z, U_X, U_Y, U_Z, A_X, A_Y, A_Z, B_X, B_Y, B_Z, R_A, R_B, BUFFER = range(15)
+Q_A, Q_B, SHAPED_BUFFER = BUFFER, BUFFER + 4, BUFFER + 8
 
 #: Margins of lists [radii]: of a particle at rest, and the largest one. Own choice, by speed.
 LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
@@ -59,7 +61,7 @@ class Particles(NamedTuple):
         cells: Where the particles of each cell begin, int64.
         order: Index that each particle had before its list was made, int64 [n].
         slabs: Where the particles of each slab begin, int64 [MOST_SLABS + 1].
-        blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH].
+        blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH], or SHAPED_BUFFER.
         orientation: Of each particle with a shape, quaternions from its frame to the world, [2, n, 4]; [2, 0, 4] of spheres.
         figure: Numbers of the shape, [FIGURE].
     """
@@ -108,7 +110,7 @@ def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: 
         cells=np.zeros(4 * n + 1000, np.int64),
         order=np.arange(n),
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
-        blocks=np.zeros((MOST_SLABS, BUFFER * LENGTH), precision),
+        blocks=np.zeros((MOST_SLABS, (SHAPED_BUFFER if shape else BUFFER) * LENGTH), precision),
         orientation=np.zeros((2, n if shape else 0, 4)),
         figure=shape.figure() if shape else np.zeros(FIGURE),
     )
