@@ -65,12 +65,9 @@ def load(path: Path) -> Bed:
     """The bed of an .npz file; without `velocities` it is at rest, without `box` it is as wide as its particles."""
     with np.load(path) as data:
         positions, radii = data["positions"], data["radii"]
-        velocities = data["velocities"] if "velocities" in data else np.zeros_like(positions)
-        if "box" in data:
-            box = data["box"]
-        else:
-            box = np.column_stack([(positions - radii[:, None]).min(0), (positions + radii[:, None]).max(0)])
-    return Bed(positions, radii, velocities, box)
+        velocities = data.get("velocities", np.zeros_like(positions))
+        around = np.column_stack([(positions - radii[:, None]).min(0), (positions + radii[:, None]).max(0)])
+        return Bed(positions, radii, velocities, data.get("box", around))
 
 
 @dataclass(frozen=True)

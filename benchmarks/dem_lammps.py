@@ -92,8 +92,7 @@ def _lowered_wheel(bed: Bed, wheel: Wheel) -> str:
     steps = wheel.lowering_steps(bed)
     x, y, z = wheel.start(bed).tolist()
     low, high = y - wheel.width / 2.0, y + wheel.width / 2.0
-    # Of each particle on the wheel: the force on the particle (2 to 4) and the place of the contact (5 to 7); no torque about the x or z axis
-    # of the contact itself is transmitted.
+    # Of each particle on the wheel: the force on the particle (2 to 4) and the place of the contact (5 to 7).
     arm_x, arm_y, arm_z = f"(f_tread[5]-{x:.17g}-v_ahead)", f"(f_tread[6]-{y:.17g})", f"(f_tread[7]-{z:.17g}-v_up)"
     return "\n".join(
         [

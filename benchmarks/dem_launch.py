@@ -71,8 +71,9 @@ def outcome(command: list[str], script: str, files: dict[str, str], bed: Bed, st
     """Run a case and return what is compared.
 
     `wall_s` of the timed steps, without start-up and without what went before them, and `particle_steps_per_s` in each of their blocks,
-    [BLOCKS]; final `positions` [m] and `velocities` [m/s], [n, 3]; `coordination`, `packing` and `kinetic_energy` (`dem_case.measures`). With a wheel also `time` [s], [m], of its samples since it
-    began to be lowered, `force` [N] and `torque` [N.m] on it about its centre, [m, 3] in world axes, and `rolls_from` [s].
+    [BLOCKS]; final `positions` [m] and `velocities` [m/s], [n, 3]; `coordination`, `packing` and `kinetic_energy` (`dem_case.measures`).
+    With a wheel also `time` [s], [m], of its samples since it began to be lowered, `force` [N] and `torque` [N.m] on it about its centre,
+    [m, 3] in world axes, and `rolls_from` [s]. The torque is of forces at contacts: rolling friction passes no torque on to the wheel.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

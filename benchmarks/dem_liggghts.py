@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -69,13 +70,9 @@ def stl(wheel: Wheel) -> str:
     ring = np.column_stack([wheel.radius * np.sin(angle), np.zeros(SEGMENTS + 1), wheel.radius * np.cos(angle)])
     aside = np.array([0.0, wheel.width / 2.0, 0.0])
     triangles = []
-    for a, b in zip(ring[:-1], ring[1:]):
-        triangles += [
-            (a - aside, a + aside, b + aside),
-            (a - aside, b + aside, b - aside),
-            (aside, b + aside, a + aside),
-            (-aside, a - aside, b - aside),
-        ]
+    for a, b in pairwise(ring):
+        triangles += [(a - aside, b + aside, a + aside), (a - aside, b - aside, b + aside)]
+        triangles += [(aside, a + aside, b + aside), (-aside, b - aside, a - aside)]
     lines = ["solid wheel"]
     for corners in triangles:
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
@@ -138,11 +135,12 @@ def _walls(bed: Bed) -> list[tuple[str, int, float]]:
 def _lowered_wheel(bed: Bed, wheel: Wheel) -> str:
     steps = wheel.lowering_steps(bed)
     x, y, z = wheel.start(bed).tolist()
+    centre = f"{x:.17g} {y:.17g} {z:.17g}"
     wrench = " ".join(f"f_wheel[{i}]" for i in range(1, 7))
     return "\n".join(
         [
             # The reference point is where the mesh was read, and moves and turns with it.
-            f"fix wheel all mesh/surface/stress file {MESH} type 1 move {x:.17g} {y:.17g} {z:.17g} reference_point {x:.17g} {y:.17g} {z:.17g}",
+            f"fix wheel all mesh/surface/stress file {MESH} type 1 move {centre} reference_point {centre}",
             f"fix tread all wall/gran {MODEL} mesh n_meshes 1 meshes wheel",
             f"fix wrench all ave/time {SAMPLE} 1 {SAMPLE} {wrench} file {WRENCHES}",
             f"fix lower all move/mesh mesh wheel linear 0 0 {-wheel.lowering_speed:.17g}",
