@@ -58,7 +58,7 @@ def settle(bed: Bed, energy: float = 1e-9) -> Bed:
         ]
     )
     with tempfile.TemporaryDirectory() as name:
-        launch(_command(1), script, {DATA: particle_data(bed)}, Path(name))
+        launch([_program()], script, {DATA: particle_data(bed)}, Path(name))
         settled, _ = final_state(Path(name), bed)
     settled.box[2, 1] = (settled.positions[:, 2] + settled.radii).max()
     return settled
