@@ -16,6 +16,7 @@ from ..slave.model import ModelError
 from .bed import COLUMN_DIAMETERS, Bed, BedKey
 from .contacts import Contacts, no_contacts
 from .material import Material
+from .shape import Shape
 from .sizes import Shares, Uniform
 
 #: Version of how beds are made and stored: another one makes all beds anew.
@@ -24,7 +25,9 @@ VERSION = 1
 LARGEST_OVERLAP = 0.05
 
 _UNITS = {
-    "material": dict(E="Pa", nu="1", e="1", mu="1", mu_r="1", cohesion="Pa", density="kg/m3", linear="1"),
+    "material": dict(
+        E="Pa", nu="1", e="1", mu="1", mu_r="1", cohesion="Pa", density="kg/m3", linear="1", shape_corners="1", shape_aspect="1"
+    ),
     "sizes": dict(d_min="m", d_max="m", shares="m, 1"),
     "bed": dict(porosity="1", depth="m", size="m", gravity="m/s2", refinement="m, 1", scale="1", seed="1"),
 }
@@ -33,13 +36,14 @@ _UNITS = {
 def key_text(key: BedKey) -> str:
     """The key as TOML: equal keys have equal texts."""
     sections = {name: asdict(getattr(key, name)) for name in ("material", "sizes")}
+    shape = sections["material"].pop("shape")
+    sections["material"] |= {f"shape_{name}": value for name, value in (shape or {}).items()}
     sections["bed"] = {name: getattr(key, name) for name in _UNITS["bed"]}
     lines = []
     for name, values in sections.items():
         lines.append(f"[{name}]")
         for parameter, value in values.items():
-            if value is not None:
-                lines.append(f'{parameter} = {{ value = {_value(value)}, unit = "{_UNITS[name][parameter]}" }}')
+            lines.append(f'{parameter} = {{ value = {_value(value)}, unit = "{_UNITS[name][parameter]}" }}')
         lines.append("")
     return "\n".join(lines)
 
@@ -52,6 +56,8 @@ def key_hash(key: BedKey) -> str:
 def write_bed(bed: Bed, path: Path) -> None:
     """Write ``path`` (.npz) and the .toml beside it; such files are replaced only by complete ones."""
     arrays = dict(positions=bed.positions, radii=bed.radii, periods=bed.periods, counts=bed.counts, floor=bed.floor)
+    if len(bed.orientations):
+        arrays["orientations"] = bed.orientations
     text = (
         f"# Bed of particles; its arrays are in {path.name}.\n\n"
         f"{key_text(bed.key)}\n"
@@ -98,8 +104,20 @@ def read_bed(path: Path) -> Bed:
         raise ModelError(f"{path.name}: damaged, or no .npz ({error}); write it again") from None
     _check_arrays(path.name, arrays)
     contacts = Contacts(*(arrays.get(name, empty) for name, empty in no_contacts()._asdict().items()))
+    orientations = arrays.get("orientations", np.zeros((0, 4)))
+    if key.material.shape and not len(orientations):
+        raise ModelError(f"{path.name} has no array orientations, [n, 4]: particles with a shape need one quaternion each")
     periods, counts = tuple(arrays["periods"].tolist()), tuple(arrays["counts"].tolist())
-    return Bed(key, arrays["positions"].astype(float), arrays["radii"].astype(float), periods, counts, float(arrays["floor"]), contacts)
+    return Bed(
+        key,
+        arrays["positions"].astype(float),
+        arrays["radii"].astype(float),
+        periods,
+        counts,
+        float(arrays["floor"]),
+        contacts,
+        orientations,
+    )
 
 
 def _value(value) -> str:
@@ -128,7 +146,9 @@ def _read_key(path: Path) -> BedKey:
     sizes = read["sizes"]
     try:
         distribution = Shares(**sizes) if "shares" in sizes else Uniform(**sizes)
-        return BedKey(Material(**read["material"]), distribution, **read["bed"])
+        material = read["material"]
+        shape = {name: material.pop(f"shape_{name}") for name in ("corners", "aspect") if f"shape_{name}" in material}
+        return BedKey(Material(**material, shape=Shape(**shape) if shape else None), distribution, **read["bed"])
     except TypeError as error:
         raise ModelError(f"{path.name} lacks a value, or one is of a wrong kind ({error}); copy one from the library") from None
 
@@ -148,6 +168,8 @@ def _check_arrays(name: str, arrays: dict[str, np.ndarray]) -> None:
     history = dict(pairs=(m, 2), images=(m, 2), shear=(m, 3), roll=(m, 3), on_floor=(k,), floor_shear=(k, 3), floor_roll=(k, 3))
     if not history.keys().isdisjoint(arrays):
         shapes |= history
+    if "orientations" in arrays:
+        shapes["orientations"] = (n, 4)
     for array in shapes:
         if array not in arrays:
             raise ModelError(f"{name} has no array {array}: a bed needs {', '.join(shapes)}")

@@ -37,6 +37,7 @@ from .library import Library
 from .material import Material
 from .pool import Box, GrainPool
 from .scaling import check_box, check_feature
+from .shape import LARGEST_ASPECT, MOST_CORNERS, Shape
 from .sizes import Uniform
 from .step import (
     ARGUMENTS,
@@ -69,6 +70,14 @@ GRAIN = Record(
     mu_r=Real(0.1, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
     cohesion=Real(0.0, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
     density=Real(2600.0, "kg/m3", "Density of the grains", min=100.0, max=2e4),
+    rotation=Choice(
+        "Rotation geometry, by which grains roll, beside mu_r (section 8.3.18)",
+        sphere="as spheres",
+        ellipse="ellipses about each axis",
+        polygon="regular polygons about each axis",
+    ),
+    aspect=Real(1.2, "1", "Long over short axis of the ellipses", min=1.001, max=LARGEST_ASPECT),
+    corners=Real(6.0, "1", "Number of corners of the polygons, even", min=4.0, max=float(MOST_CORNERS)),
 )
 #: What is different where particles touch wheels and bodies.
 SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
@@ -124,7 +133,7 @@ class DEM(KernelModel):
         ),
         TOO_DEEP: Event(
             f"wheel {{i}}, at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the "
-            "bed, or jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and half a particle, d = {p.d:g} m, and let it down"
+            "bed, or jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and half a particle (d = {p.d:g} m)"
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
@@ -234,7 +243,10 @@ class DEM(KernelModel):
         """The grains' material."""
         linear = p.contact_law == DEM.parameters.fields["contact_law"].value("linear")
         if p.grains == DEM.parameters.fields["grains"].value("given"):
-            return Material(**{name: float(p.grain[name]) for name in GRAIN.fields}, linear=linear)
+            numbers = {name: float(p.grain[name]) for name in GRAIN.fields if name not in ("rotation", "aspect", "corners")}
+            rotation = list(GRAIN.fields["rotation"].options)[int(p.grain["rotation"]) - 1]
+            shapes = {"ellipse": Shape(aspect=float(p.grain["aspect"])), "polygon": Shape(corners=int(p.grain["corners"]))}
+            return Material(**numbers, linear=linear, shape=shapes.get(rotation))
         return grains_of(phi=float(p.phi), c=float(p.c), rho=float(p.rho), porosity=float(p.porosity), linear=linear)
 
 

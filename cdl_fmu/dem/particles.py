@@ -148,3 +148,14 @@ def particles_of(positions, radii, density, **options) -> Particles:
 def mass_of(radius, density):
     """Mass of a sphere [kg]."""
     return 4.0 / 3.0 * math.pi * density * radius**3
+
+
+def history_of_pairs(history: np.ndarray, n: int) -> np.ndarray:
+    """History of the first n pairs, [n, HISTORY], from the blocks of one side."""
+    return history.reshape(-1, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[:n].copy()
+
+
+def set_history_of_pairs(history: np.ndarray, values: np.ndarray) -> None:
+    """Write the history of the first pairs, [n, HISTORY], into the blocks of one side."""
+    block, place = np.divmod(np.arange(len(values)), LENGTH)
+    history.reshape(-1, HISTORY, LENGTH)[block, :, place] = values

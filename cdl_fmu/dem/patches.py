@@ -58,7 +58,7 @@ def touched_heights(saved: SavedGround, live: np.ndarray, spacing: float) -> tup
     first = np.ceil(places.min(axis=0) * saved.column / spacing - 1e-9)
     last = np.floor((places.max(axis=0) + 1) * saved.column / spacing - 1e-9)
     nodes = tuple((last - first + 1).astype(int))
-    bodies = np.concatenate([live, *(bodies for bodies, _ in saved.stored.values())])
+    bodies = np.concatenate([live, *(grains.bodies for grains in saved.stored.values())])
     z = mean_heights(bodies, first * spacing, spacing, nodes, saved.diameter, saved.floor)
     x, y = (np.floor((a + np.arange(n)) * spacing / saved.column + 1e-9).astype(np.int64) for a, n in zip(first, nodes))
     known = np.isin(keys_of(x[:, None], y[None, :]), list(saved.touched))

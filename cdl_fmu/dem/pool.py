@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..contact import has_pose, is_set
-from .columns import Live, SavedGround, ground_from_arrays, ground_to_arrays, keys_of
-from .particles import FREE, HISTORY, LENGTH, PAIRS, SIDE, STALE, V_X, V_Z, N, empty_particles
+from .columns import SavedGround, ground_from_arrays, ground_to_arrays, keys_of
+from .live import live_of, make_live, touches_of
+from .particles import FREE, PAIRS, SIDE, V_X, V_Z, N, empty_particles, history_of_pairs, set_history_of_pairs
 from .patches import patch_heights
-from .tools import KEPT
-from .touch import MOST
 
 #: Steps between two looks at whether what lies outside the boxes has come to rest, and how many looks have to find it at rest: a particle
 #: at the top of its flight does not move either. Own choice.
@@ -57,7 +56,7 @@ class GrainPool:
     def __init__(self, ground, new_tools, meshes, law, settings, boxes, patches, rest_speed):
         self.ground, self._new_tools, self._meshes, self._boxes, self._rest_speed = ground, new_tools, meshes, boxes, rest_speed
         (n, *self._nodes), self._spacing = patches
-        self._law, self._settings = law, settings
+        self._law, self._settings, self._shape = law, settings, ground.bed.key.material.shape
         self._patches = np.zeros((n, 3 + math.prod(self._nodes)))
         self._active = np.zeros(0, np.int64)  # columns that move
         self._wanted = self._active  # those in the boxes
@@ -67,7 +66,7 @@ class GrainPool:
 
     def _make_room(self, n: int) -> None:
         tools = self._tools if hasattr(self, "_tools") else None
-        self._grains, self._tools = empty_particles(n, precision=self._law.dtype), self._new_tools(n)
+        self._grains, self._tools = empty_particles(n, precision=self._law.dtype, shape=self._shape), self._new_tools(n)
         if tools is not None:
             for name in ("kinds", "laws", "poses", "goals", "turns", "sums"):
                 getattr(self._tools, name)[:] = getattr(tools, name)
@@ -132,64 +131,12 @@ class GrainPool:
         return np.array(sorted(key for key, looks in calm.items() if looks < _LOOKS), np.int64)
 
     def _exchange(self) -> None:
-        live = self.ground.exchange(self._live(), self._active)
-        touching = self._touching()
-        if len(live.bodies) > self._grains.body.shape[1]:
-            self._make_room(math.ceil(_SPARE * len(live.bodies)))
-        self._place(live, touching)
-
-    def _live(self) -> Live:
-        g, t = self._grains, self._tools
-        n, side = g.count[N], g.count[SIDE]
-        ident, first = g.ident[side, :n], g.first[side, : n + 1]
-        m = g.count[PAIRS]
-        history = _of_pairs(g.history[side], m)
-        used = np.any(history != 0.0, axis=1)
-        a = np.repeat(np.arange(n), np.diff(first))[used] if m else np.zeros(0, np.int64)
-        b = g.partner[side, :m][used]
-        on_floor = slice(t.first[side, 0], t.first[side, 1])
-        return Live(
-            g.body[side, :n].copy(),
-            ident.copy(),
-            ident[a],
-            ident[b],
-            history[used],
-            ident[t.particle[side, on_floor]],
-            t.kept[side, on_floor, 0].copy(),
-        )
-
-    def _touching(self):
-        """Tool, number of the particle and history of each touch of wheels and bodies."""
-        g, t = self._grains, self._tools
-        side = g.count[SIDE]
-        first = t.first[side]
-        these = slice(first[1], first[-1])
-        tool = np.repeat(np.arange(len(t.kinds)), np.diff(first))[these]
-        return tool, g.ident[side][t.particle[side, these]], t.kept[side, these].copy()
-
-    def _place(self, live: Live, touching) -> None:
-        """Fill the arrays; lists are made anew at the next substep."""
-        g, t = self._grains, self._tools
-        n = len(live.bodies)
-        g.body[0, :n], g.ident[0, :n] = live.bodies, live.ident
-        g.force[:] = 0.0
-        order = np.argsort(live.ident)
-        a, b = (order[np.searchsorted(live.ident, numbers, sorter=order)] for numbers in (live.a, live.b))
-        by_first = np.argsort(a, kind="stable")
-        g.first[0, : n + 1] = np.searchsorted(a[by_first], np.arange(n + 1))
-        g.partner[0, : len(b)] = b[by_first]
-        _set_pairs(g.history[0], live.history[by_first])
-        tool, ident, kept = touching
-        resting = np.zeros((len(live.resting), MOST, KEPT))
-        resting[:, 0] = live.kept
-        tool = np.concatenate([np.zeros(len(resting), np.int64), tool])
-        ident, kept = np.concatenate([live.resting, ident]), np.concatenate([resting, kept])
-        here = np.isin(ident, live.ident)
-        tool, ident, kept = tool[here], ident[here], kept[here]
-        t.first[0] = np.searchsorted(tool, np.arange(len(t.kinds) + 1))
-        t.particle[0, : len(ident)] = order[np.searchsorted(live.ident, ident, sorter=order)]
-        t.kept[0, : len(ident)] = kept
-        g.count[N], g.count[SIDE], g.count[PAIRS], g.count[STALE] = n, 0, len(b), 1
+        live, touches = live_of(self._grains, self._tools), touches_of(self._grains, self._tools)
+        live = self.ground.exchange(live, self._active)
+        n = len(live.grains.ident)
+        if n > self._grains.body.shape[1]:
+            self._make_room(math.ceil(_SPARE * n))
+        make_live(self._grains, self._tools, live, touches)
 
     # -- the surface
 
@@ -217,8 +164,9 @@ class GrainPool:
             ident=g.ident[side, :n].copy(),
             built=g.built[:n].copy(),
             first=g.first[side, : n + 1].copy(),
+            orientation=g.orientation[side, :n].copy(),
             partner=g.partner[side, : g.count[PAIRS]].copy(),
-            history=_of_pairs(g.history[side], g.count[PAIRS]),
+            history=history_of_pairs(g.history[side], g.count[PAIRS]),
             slabs=g.slabs.copy(),
             kinds=t.kinds.copy(),
             poses=t.poses.copy(),
@@ -243,8 +191,9 @@ class GrainPool:
         g, t = self._grains, self._tools
         g.count[:] = s["count"]
         g.body[side, :n], g.ident[side, :n], g.built[:n], g.first[side, : n + 1] = s["body"], s["ident"], s["built"], s["first"]
+        g.orientation[side, : len(s["orientation"])] = s["orientation"]
         g.partner[side, : len(s["partner"])] = s["partner"]
-        _set_pairs(g.history[side], s["history"])
+        set_history_of_pairs(g.history[side], s["history"])
         g.slabs[:], g.force[:] = s["slabs"], 0.0
         t.kinds[:], t.poses[:], t.margins[:], t.sums[:] = s["kinds"], s["poses"], s["margins"], s["sums"]
         touches = len(s["particle"])
@@ -270,17 +219,3 @@ class GrainPool:
         calm = {int(key): int(looks) for key, looks in parts.pop("calm")}
         ground = ground_from_arrays(parts)
         return SavedGrains(parts, ground, calm)
-
-
-def _of_pairs(history: np.ndarray, m: int) -> np.ndarray:
-    """History pair by pair, [m, HISTORY], from blocks."""
-    blocks = -(-int(m) // LENGTH)
-    return history[: blocks * HISTORY * LENGTH].reshape(blocks, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[:m].copy()
-
-
-def _set_pairs(history: np.ndarray, values: np.ndarray) -> None:
-    """Write history pair by pair into blocks."""
-    blocks = -(-len(values) // LENGTH)
-    padded = np.zeros((blocks * LENGTH, HISTORY))
-    padded[: len(values)] = values
-    history[: blocks * HISTORY * LENGTH] = padded.reshape(blocks, LENGTH, HISTORY).transpose(0, 2, 1).ravel()

@@ -68,16 +68,16 @@ class _Settling:
     def bed(self) -> Bed:
         key = self.key
         calm = replace(key.material, e=min(key.material.e, _RESTITUTION))
-        simulation = self._simulation(*self._laid(), no_contacts(), calm, (0.0, 0.0, -self.gravity))
+        simulation = self._simulation(*self._laid(), no_contacts(), np.zeros((0, 4)), calm, (0.0, 0.0, -self.gravity))
         self._fall(simulation)
         self._compact(simulation, calm)
-        positions, radii, contacts = self._levelled(simulation)
-        simulation = self._simulation(positions, radii, contacts, calm, key.gravity)
+        positions, radii, contacts, orientations = self._levelled(simulation)
+        simulation = self._simulation(positions, radii, contacts, orientations, calm, key.gravity)
         self._rest(simulation)
         positions, contacts = self._positions(simulation), contacts_of(simulation)
         surface = surface_of(key, positions, radii, self.periods, key.column)
         positions[:, 2] -= surface
-        bed = Bed(key, positions, radii, self.periods, key.counts, -surface, contacts)
+        bed = Bed(key, positions, radii, self.periods, key.counts, -surface, contacts, self._orientations(simulation))
         if abs(bed.porosity - key.porosity) > TOLERANCE:
             warnings.warn(f"the bed's porosity is {bed.porosity:.4f}, {key.porosity:g} was asked for", stacklevel=3)
         return bed
@@ -104,10 +104,10 @@ class _Settling:
             z += _PITCH * d_max * math.ceil(n / (n_x * n_y))
         return np.concatenate(positions), np.concatenate(radii)
 
-    def _simulation(self, positions, radii, contacts: Contacts, material, gravity) -> Simulation:
+    def _simulation(self, positions, radii, contacts: Contacts, orientations, material, gravity) -> Simulation:
         key = replace(self.key, material=material, gravity=gravity)
         dt = _SHARE * material.largest_time_step(radii.min())
-        return Bed(key, positions, radii, self.periods, key.counts, 0.0, contacts).simulation(dt=dt)
+        return Bed(key, positions, radii, self.periods, key.counts, 0.0, contacts, orientations).simulation(dt=dt)
 
     def _fall(self, simulation: Simulation) -> None:
         """All particles fall and stand."""
@@ -153,9 +153,10 @@ class _Settling:
         simulation.material = simulation.tools[0].material = calm
         self._stand(simulation)
 
-    def _levelled(self, simulation: Simulation) -> tuple[np.ndarray, np.ndarray, Contacts]:
-        """Particles and contacts that are left where all above a height are taken away, so that the mean surface is at the depth wanted."""
+    def _levelled(self, simulation: Simulation) -> tuple[np.ndarray, np.ndarray, Contacts, np.ndarray]:
+        """What is left where all above a height is taken away, so that the mean surface is at the depth wanted."""
         key, positions, radii = self.key, self._positions(simulation), self._radii(simulation)
+        orientations = self._orientations(simulation)
         tops = positions[:, 2] + radii
         low, high = key.depth - 2.0 * key.diameter, key.depth + _OVERFILL * key.diameter
         for _ in range(20):
@@ -163,7 +164,8 @@ class _Settling:
             kept = tops < middle
             below = surface_of(key, positions[kept], radii[kept], self.periods, key.column) < key.depth
             low, high = (middle, high) if below else (low, middle)
-        return positions[kept], radii[kept], contacts_among(contacts_of(simulation), kept)
+        of_kept = orientations[kept] if len(orientations) else orientations
+        return positions[kept], radii[kept], contacts_among(contacts_of(simulation), kept), of_kept
 
     def _rest(self, simulation: Simulation) -> None:
         """The bed comes to rest with a drag, and stays there without: single grains that hang on others fall meanwhile."""
@@ -220,6 +222,12 @@ class _Settling:
         positions[simulation.ident] = simulation.bodies[:, X : X + 3]
         positions[:, :2] %= self.periods
         return positions
+
+    def _orientations(self, simulation: Simulation) -> np.ndarray:
+        """Orientations by the particles' numbers, none of spheres."""
+        found = np.empty_like(simulation.orientations)
+        found[simulation.ident[: len(found)]] = simulation.orientations
+        return found
 
     def _radii(self, simulation: Simulation) -> np.ndarray:
         """Radii [m] by their numbers."""
