@@ -13,6 +13,7 @@ import argparse
 import math
 from pathlib import Path
 
+import dem_cdl
 import dem_lammps
 import dem_liggghts
 import numpy as np
@@ -20,7 +21,7 @@ from dem_case import Bed, Wheel, load, loose
 from dem_launch import Missing
 from speed import calibration
 
-PEERS = (dem_liggghts, dem_lammps)
+PEERS = (dem_cdl, dem_liggghts, dem_lammps)
 QUICK = Wheel(lowering_speed=0.4)  # which is not timed
 AREA = 0.64 * 0.37 / 45000  # m2 of floor a particle: a bed 0.18 m deep
 
