@@ -82,7 +82,6 @@ def slope_left(material):
 @pytest.mark.slow
 def test_slopes_are_as_steep_as_heaps_of_spheres_and_steeper_with_rolling_friction():
     slopes = [slope_left(replace(SOFT, mu_r=mu_r)) for mu_r in (0.0, 0.1, 0.4)]
-    print(slopes)
     assert all(18.0 < slope < 32.0 for slope in slopes)
     assert min(slopes[1:]) > slopes[0]  # it grows little beyond mu_r = 0.1, where grains slide rather than roll
 
@@ -111,7 +110,6 @@ def discharge(opening, side=0.11):
 @pytest.mark.slow
 def test_a_hopper_flows_after_beverloo():
     (small, small_law), (large, large_law) = discharge(0.04), discharge(0.055)
-    print(small, small_law, large, large_law)
     assert small == pytest.approx(small_law, rel=0.15)
     assert large == pytest.approx(large_law, rel=0.15)
     assert large / small == pytest.approx(large_law / small_law, rel=0.1)  # the power of 5/2
@@ -156,7 +154,6 @@ def pressure_on_a_wall(direction, length, way):
 def test_a_wall_feels_rankines_active_and_passive_pressure():
     phi = math.radians(friction_angle())
     active, passive = pressure_on_a_wall(-1.0, 0.25, 0.06), pressure_on_a_wall(1.0, 0.25, 0.15)
-    print(math.degrees(phi), active, passive)
     assert active == pytest.approx(math.tan(0.25 * math.pi - 0.5 * phi) ** 2, rel=0.25)  # Rankine 1857
     assert passive == pytest.approx(math.tan(0.25 * math.pi + 0.5 * phi) ** 2, rel=0.25)
     assert active * passive == pytest.approx(1.0, rel=0.25)  # whatever the angle is
