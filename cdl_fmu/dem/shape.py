@@ -15,8 +15,8 @@ over the three axes and c points from the centre to the contact, in the particle
 - R*: of two spheres that roll on each other only the share R* / R of their relative rotation turns the normal in the particle's frame.
 - The faces of a polygon bulge: the torque changes its sign within an angle, not at once.
 
-Figures hold a grain on its face, but what it climbs it gets back as it falls: they lose no energy. Rolling friction beside them does; without
-it, sand that flows comes to rest at the slope of spheres (measured: hexagons 16.5 deg, spheres 16, spheres of mu_r = 0.1 22).
+Figures hold a grain on its face, but what it climbs it gets back as it falls: they lose no energy, which rolling friction beside them does.
+Without it, sand that flows comes to rest at the slope of spheres (measured: hexagons 16.5 deg, spheres 16, spheres of mu_r = 0.1 22).
 """
 
 from __future__ import annotations
