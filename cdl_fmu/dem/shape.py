@@ -14,6 +14,11 @@ over the three axes and c points from the centre to the contact, in the particle
   where their planes meet. Polygons of 4 corners then make a cube, ellipses a prolate grain whose long axis is that of (1, 1, 1).
 - R*: of two spheres that roll on each other only the share R* / R of their relative rotation turns the normal in the particle's frame.
 - The faces of a polygon bulge: the torque changes its sign within an angle, not at once.
+
+Figures hold a grain on its face, but what it climbs it gets back as it falls: they lose no energy, which rolling friction beside them does.
+Without it, sand that flows comes to rest at the slope of spheres (measured: hexagons 16.5 deg, spheres 16, spheres of mu_r = 0.1 22).
+While a normal force changes, a figure may even add energy: at mu = 0.5 beds of 6 corners or more and of ellipses up to 1.2 come to rest by
+themselves, ellipses of 1.5 want mu_r = 0.1 for it, 4 corners mu_r = 0.2; at mu = 1 cubes do not even then.
 """
 
 from __future__ import annotations
