@@ -79,7 +79,7 @@ class _Motion:
         self.tool.T = axis_rotation(2, self.angle)
 
     def feel(self) -> None:
-        self.wrenches.append(np.concatenate([self.tool.f_0, self.tool.t_0]))
+        self.wrenches.append(np.array([*self.tool.f_0, *self.tool.t_0]))
 
     def felt(self) -> dict:
         wrenches = np.array(self.wrenches)
