@@ -2,8 +2,8 @@
 
     python benchmarks/dem_apriori.py
 
-Grains of a middle size, one load: without cohesion strength is in proportion to the load. A porosity that a bed cannot have leaves a row
-with the loosest that it has. An hour on one core.
+One load: without cohesion strength is in proportion to it. A porosity that a bed cannot have leaves a row with the loosest that it has.
+Rows that the table has already are left as they are. Ten minutes on one core.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-import sys
 import warnings
 from pathlib import Path
 
@@ -24,9 +23,11 @@ from cdl_fmu.dem.sizes import Uniform
 from cdl_fmu.dem.virtual.shear import shear
 from cdl_fmu.slave.model import ModelError
 
-FRICTIONS, ROLLING, POROSITIES = (0.3, 0.5, 0.8), (0.0, 0.1, 0.25, 0.6), (0.46, 0.42, 0.39)
-PRESSURE, INERTIAL_NUMBER, STRAIN = 1e4, 2e-3, 0.45
-SIZES, DEPTH, SIZE = Uniform(4.5e-3, 5.5e-3), 0.06, (0.088, 0.066)
+#: Friction and rolling friction: the line along which strength grows, see ``apriori``; and porosities.
+FRICTIONS = ((0.3, 0.0), (0.5, 0.0), (0.5, 0.1), (0.5, 0.25), (0.5, 0.6), (0.8, 0.6), (0.8, 1.2))
+POROSITIES = (0.46, 0.43, 0.4)
+PRESSURE, INERTIAL_NUMBER, STRAIN = 1e4, 3e-3, 0.35
+SIZES, DEPTH, SIZE = Uniform(4.5e-3, 5.5e-3), 0.06, (0.066, 0.066)
 COLUMNS = ("mu", "mu_r", "porosity", "tan_peak", "tan_residual", "porosity_before", "porosity_residual", "loosest")
 
 
@@ -45,15 +46,16 @@ def row_of(mu: float, mu_r: float, porosity: float) -> tuple[float, ...]:
 def main() -> None:
     """Write the table beside this file, row by row."""
     warnings.simplefilter("ignore")
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_suffix(".csv")
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(COLUMNS)
-        for porosity in POROSITIES:
-            for mu in FRICTIONS:
-                for mu_r in ROLLING:
-                    table.writerow([f"{x:.4f}" for x in row_of(mu, mu_r, porosity)])
-                    file.flush()
+    path = Path(__file__).with_suffix(".csv")
+    if not path.exists():
+        path.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+    with path.open(newline="", encoding="utf-8") as file:
+        known = {tuple(float(row[name]) for name in COLUMNS[:3]) for row in csv.DictReader(file)}
+    for porosity in POROSITIES:
+        for mu, mu_r in FRICTIONS:
+            if (mu, mu_r, porosity) not in known:
+                with path.open("a", newline="", encoding="utf-8") as file:
+                    csv.writer(file).writerow([f"{x:.4f}" for x in row_of(mu, mu_r, porosity)])
 
 
 if __name__ == "__main__":

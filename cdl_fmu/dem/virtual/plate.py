@@ -1,6 +1,7 @@
 """Bevameter: round plates pressed into a bed at constant speed, for Bekker's sinkage parameters.
 
-The bed repeats itself at its sides, which so are at rest on average as rigid smooth walls would be, and as far away.
+The bed repeats itself at its sides, which act as smooth walls. Sinkage counts from where the plate touches: grains are coarse, and it meets
+the highest of them well above the mean surface.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ from ..simulation import Tool
 #: Diameters of the plates [m], and how deep they are pressed [m].
 DIAMETERS, SINKAGE = (0.06, 0.08, 0.1), 0.025
 #: Speed of the plates [m/s].
-SPEED = 0.04
+SPEED = 0.05
+#: Share of a test's largest pressure with which it has touched the soil; as in ``soil.sinkage``.
+TOUCHES = 0.01
 #: Least width and depth of the bed in diameters of the plate; the tile is replicated until it is as wide.
-WIDTH, DEPTH = 2.5, 1.0
+WIDTH, DEPTH = 2.0, 1.0
 #: Rows of a test.
 ROWS = 50
 
@@ -38,7 +41,7 @@ class PlateRun:
 
     Attributes:
         diameter: Of the plate [m].
-        z: Sinkage below the mean surface of the bed [m].
+        z: Sinkage from where the plate touches [m]; below 0 before.
         p: Pressure [Pa].
     """
 
@@ -94,7 +97,7 @@ def plates(
     Args:
         bed: The tile.
         diameters: Of the plates [m].
-        sinkage: How deep they are pressed below the mean surface [m].
+        sinkage: How deep they are pressed from where they touch, at least [m].
         speed: [m/s].
         rows: Rows of each test.
         threads: Number of threads.
@@ -123,17 +126,18 @@ def _press(bed: Bed, diameter: float, sinkage: float, speed: float, rows: int, t
     copies = (max(math.ceil(WIDTH * diameter / period - 1e-9), 1) for period in bed.periods)
     wide = replicate(bed, *copies)
     top = float((wide.positions[:, 2] + wide.radii).max())
-    thick = 2.0 * (top + sinkage)  # nothing falls on it
-    middle = np.array([0.5 * wide.periods[0], 0.5 * wide.periods[1], 0.5 * thick])
-    plate = Tool(bed.key.material, wheel=(0.5 * diameter, thick, 0.0, 0.0, 0.0), r_0=middle + [0.0, 0.0, top], T=_LYING)
+    thick = 2.0 * (bed.key.diameter + sinkage)  # nothing falls on it
+    centre = np.array([0.5 * wide.periods[0], 0.5 * wide.periods[1], 0.5 * thick + top])
+    plate = Tool(bed.key.material, wheel=(0.5 * diameter, thick, 0.0, 0.0, 0.0), r_0=centre, T=_LYING)
     simulation = wide.simulation([plate], threads=threads)
-    area, h = 0.25 * math.pi * diameter**2, sinkage / rows / speed
-    depth, z, p = -top, [], []
-    while depth < sinkage:
-        before, depth = depth, min(depth + speed * h, sinkage)
-        plate.r_0 = middle - [0.0, 0.0, depth]
-        simulation.step((depth - before) / speed)
-        z.append(0.5 * (before + depth))
+    area, row = 0.25 * math.pi * diameter**2, sinkage / rows
+    p = []
+    # The highest grain may be beside the plate: it touches others within a diameter.
+    for k in range(rows + math.ceil(bed.key.diameter / row)):
+        plate.r_0 = centre - [0.0, 0.0, (k + 1) * row]
+        simulation.step(row / speed)
         p.append(plate.f_0[2] / area)
-        progress((depth + top) / (sinkage + top))
-    return PlateRun(diameter, np.array(z), np.array(p))
+        progress((k + 1) * row / (sinkage + bed.key.diameter))
+    p = np.array(p)
+    touched = int(np.argmax(p > TOUCHES * p.max()))
+    return PlateRun(diameter, (np.arange(len(p)) - touched + 0.5) * row, p)
