@@ -10,6 +10,7 @@ import typer
 
 from .checkout import home
 from .cli_identify import identify
+from .cli_particles import study, virtual
 from .cli_sweep import measured_in, run_sweeps
 from .cli_validate import validate
 from .refusals import Commands, require_platform, say
@@ -24,6 +25,7 @@ _EXAMPLES = {
     "export": "cdl export two_wheel -o rover.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
     "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
+    "virtual": "cdl virtual mss_d --out results/virtual_mss_d",
     "validate": "cdl validate --quick --out results/validation",
     "doctor": "cdl doctor",
 }
@@ -288,6 +290,8 @@ def diff(
 
 app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
 app.command(epilog=f"Example:  {_EXAMPLES['validate']}")(validate)
+app.command(epilog=f"Example:  {_EXAMPLES['virtual']}")(virtual)
+app.add_typer(study, name="study")
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['doctor']}")

@@ -16,6 +16,7 @@ from rich.text import Text
 
 _PLAIN_WIDTH = 200  # columns where there is no terminal: lines stay whole for grep
 _EVERY = 5.0  # s between two lines of progress
+_BETWEEN = 1.0  # s between two words of a stage's progress
 
 
 def output() -> Console:
@@ -119,3 +120,20 @@ def _lines(label: str = "") -> Display:
             say(f"{t:.2f} of {stop:g} s, {speed:.1f} x real time, {(stop - t) / speed:.0f} s left")
 
     return Display(say, progress)
+
+
+def stages(status: Callable[[str], None], what: str) -> Callable[[str, float], None]:
+    """Progress of something that has stages, in words: each stage with its share done and the time left of it."""
+    began: dict[str, float] = {}
+    told = 0.0
+
+    def progress(stage: str, share: float) -> None:
+        nonlocal told
+        now = time.perf_counter()
+        spent = now - began.setdefault(stage, now)
+        if now - told > _BETWEEN or stage not in began:
+            told = now
+            left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.05 else ""
+            status(f"{what}: {stage}, {share:.0%}{left}")
+
+    return progress
