@@ -1,4 +1,4 @@
-"""Making a bed: particles are laid in loose layers, fall, are compacted to their porosity, levelled, and come to rest.
+"""Making a bed: particles are laid in loose layers, fall gently, are compacted to their porosity, levelled, and come to rest.
 
 Porosity is set by friction during the preparation: with that of the material the bed settles loosest. Then all friction is lowered evenly
 with time, and the bed compacts throughout, until its bulk has the porosity asked for; without friction it is densest. With the material's
@@ -38,7 +38,8 @@ _CALM = 5e-4  # and below which the loose bed stands
 _SHARE = 0.9  # of the longest stable time step
 _RAMP, _STAGES = 3.0, 75  # time in which friction falls to 0, in sqrt(depth / g), and its steps
 _BEGIN = 0.75  # share of friction from which it falls: above, nothing moves
-_KEPT, _SUBSTEPS = 0.9, 20  # share of velocities kept each so many substeps while a bed comes to rest
+_FALL, _STAND = 1.0, 0.3  # time in which drag stops particles that fall, and that come to stand, in sqrt(d / g)
+_SUBSTEPS = 20  # substeps from drag to drag
 _FREE = 2.0  # time for which it stays there without drag, in sqrt(d / g)
 _LONGEST = 25.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
 
@@ -62,7 +63,7 @@ class _Settling:
         self.key, self.progress = key, progress
         self.gravity = math.hypot(*key.gravity)
         self.periods = tuple(key.column * count for count in key.counts)
-        self.time = math.sqrt(key.depth / self.gravity)
+        self.time, self.short_time = math.sqrt(key.depth / self.gravity), math.sqrt(key.diameter / self.gravity)
         check_overlap(key.material, (1.0 - key.porosity) * key.material.density * self.gravity * key.depth)
 
     def bed(self) -> Bed:
@@ -111,19 +112,17 @@ class _Settling:
 
     def _fall(self, simulation: Simulation) -> None:
         """All particles fall and stand."""
-        stage, began = 0.2 * self.time, math.sqrt(2.0 * self.key.diameter / self.gravity)
-        highest = self._energy_of_fall(simulation)
-        while simulation.time < began or self._energy(simulation) > _FALLEN:
-            simulation.step(stage)
-            self.progress("falling", 1.0 - self._energy_of_fall(simulation) / highest)
-            self._check_time(simulation, 0.0)
+        highest = self._fall_left(simulation)
+        while simulation.time < 2.0 * self.short_time or self._energy(simulation) > _FALLEN:
+            self._drag(simulation, 0.2 * self.time, _FALL)
+            self.progress("falling", 1.0 - self._fall_left(simulation) / highest)
         self._stand(simulation)
 
     def _stand(self, simulation: Simulation) -> None:
         """Particles that move come to stand, with a drag."""
         began = simulation.time
         while self._energy(simulation) > _CALM:
-            self._calm(simulation, 0.02 * self.time)
+            self._drag(simulation, 0.02 * self.time, _STAND)
             self._check_time(simulation, began)
 
     def _compact(self, simulation: Simulation, calm) -> None:
@@ -170,12 +169,12 @@ class _Settling:
         first, unrest = 0.0, math.inf
         while unrest > 1.0:
             while unrest > 1.0:
-                self._calm(simulation, 0.1 * self.time)
+                self._drag(simulation, 0.1 * self.time, _STAND)
                 self._check_time(simulation, 0.0)
                 unrest = self._unrest(simulation)
                 first = first or max(math.log(unrest), 1e-3)
                 self.progress("coming to rest", min(max(1.0 - math.log(unrest) / first, 0.0), 1.0))
-            simulation.step(_FREE * math.sqrt(self.key.diameter / self.gravity))
+            simulation.step(_FREE * self.short_time)
             unrest = self._unrest(simulation)
 
     def _unrest(self, simulation: Simulation) -> float:
@@ -183,12 +182,14 @@ class _Settling:
         energy, unbalance = rest_of(simulation, self.key.diameter)
         return max(energy / MOST_ENERGY, unbalance / MOST_UNBALANCE)
 
-    def _calm(self, simulation: Simulation, h: float) -> None:
-        """Go on by about h [s] with a drag on all particles."""
-        for _ in range(math.ceil(h / (_SUBSTEPS * simulation.dt))):
-            simulation.step(_SUBSTEPS * simulation.dt)
-            simulation.bodies[:, V_X : V_X + 3] *= _KEPT
-            simulation.bodies[:, W_X : W_X + 3] *= _KEPT
+    def _drag(self, simulation: Simulation, h: float, stopped_in: float) -> None:
+        """Go on by about h [s] with a drag on all particles that stops them in this time, in sqrt(d / g)."""
+        interval = _SUBSTEPS * simulation.dt
+        kept = math.exp(-interval / (stopped_in * self.short_time))
+        for _ in range(math.ceil(h / interval)):
+            simulation.step(interval)
+            simulation.bodies[:, V_X : V_X + 3] *= kept
+            simulation.bodies[:, W_X : W_X + 3] *= kept
 
     def _check_time(self, simulation: Simulation, began: float) -> None:
         if simulation.time - began > _LONGEST * self.time:
@@ -202,7 +203,7 @@ class _Settling:
         """Kinetic energy of the particles over m g d."""
         return simulation.kinetic_energy / (simulation.bodies[:, M].sum() * self.gravity * self.key.diameter)
 
-    def _energy_of_fall(self, simulation: Simulation) -> float:
+    def _fall_left(self, simulation: Simulation) -> float:
         """Height [m] of the centre of mass above that of the bed wanted."""
         mass = simulation.bodies[:, M]
         return max(float(mass @ simulation.bodies[:, X + 2]) / mass.sum() - 0.5 * self.key.depth, 0.0)
