@@ -45,7 +45,7 @@ _BEGIN = 0.75  # share of friction from which it falls: above, nothing moves
 _FALL, _STAND = 1.0, 0.3  # time in which drag stops particles that fall, and that come to stand, in sqrt(d / g)
 _SUBSTEPS = 20  # substeps from drag to drag
 _FREE = 2.0  # time for which it stays there without drag, in sqrt(d / g)
-_LONGEST = 15.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
+_LONGEST = 25.0  # time after which a bed that is not at rest never will be, in sqrt(depth / g)
 
 
 def settle(key: BedKey, progress: Progress = lambda stage, share: None) -> Bed:
