@@ -170,7 +170,7 @@ def test_sizes_are_drawn_as_shares_of_mass_and_evenly():
     assert np.pi / 6 * (d**3).mean() == pytest.approx(uniform.mean_volume, rel=1e-3)
     for wrong, message in [
         (lambda: Uniform(0.0, 0.01), "0 < d_min <= d_max is needed"),
-        (lambda: Uniform(0.001, 0.02), "the largest is 20 times the smallest, at most 10 times"),
+        (lambda: Uniform(0.001, 0.02), "the largest is 20 times the smallest, at most 5 times"),
         (lambda: Shares(((0.002, 0.5),)), "sum to 0.5: they must sum to 1"),
         (lambda: Shares(((0.002, -1.0),)), "both must be above 0"),
     ]:

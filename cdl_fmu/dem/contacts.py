@@ -97,15 +97,25 @@ def contacts_among(contacts: Contacts, kept: np.ndarray) -> Contacts:
     )
 
 
+def overlaps_of(simulation: Simulation) -> np.ndarray:
+    """Overlaps [m] of the pairs that touch, [m]."""
+    return _touching(simulation)[0]
+
+
 def normal_forces(simulation: Simulation) -> np.ndarray:
     """Elastic normal forces [N] of the pairs that touch, [m]."""
     law = simulation.material.law(simulation.dt)
+    overlap, r_eff = _touching(simulation)
+    stiffness = law[STIFFNESS] * (law[HERTZ] * np.sqrt(r_eff * overlap) + law[LINEAR] * r_eff)  # as in ``law.respond``
+    return law[ELASTIC] * stiffness * overlap
+
+
+def _touching(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Overlap and effective radius of each pair that touches [m]."""
     first, second, away, _ = _listed(simulation)
     a, b = simulation.bodies[first, R], simulation.bodies[second, R]
     overlap = a + b - np.sqrt((away**2).sum(axis=1))
-    overlap, r_eff = overlap[overlap > 0.0], (a * b / (a + b))[overlap > 0.0]
-    stiffness = law[STIFFNESS] * (law[HERTZ] * np.sqrt(r_eff * overlap) + law[LINEAR] * r_eff)  # as in ``law.respond``
-    return law[ELASTIC] * stiffness * overlap
+    return overlap[overlap > 0.0], (a * b / (a + b))[overlap > 0.0]
 
 
 def _listed(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
