@@ -1,4 +1,4 @@
-"""One soil on three tiers: particles, SCM and BCM under a wheel on the testbed, with Bekker's parameters from the particles' own bevameter."""
+"""One soil on three tiers: particles, SCM and BCM under a wheel on the testbed, Bekker's parameters from the particles' own plates."""
 
 from __future__ import annotations
 
