@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from .rocks import MESH, ROCK, ROCKS, Rock, hard_keys, make_rock
 from .schemes import SCHEMES
 from .sections import RUN, files_in, models_of, sections_of, takes_one
 from .tables import ExperimentError, read_tables
+from .terminal import settling
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class Experiment:
         """
         for name, instance in self.instances().items():
             try:
-                instance.model.prepare(instance.p, {key: Path(path) for key, path in instance.files.items() if path}, _told(status))
+                instance.model.prepare(instance.p, {key: Path(path) for key, path in instance.files.items() if path}, settling(status))
             except ModelError as error:
                 raise ExperimentError(f"{self._file}: {name}.{error}") from error
 
@@ -427,18 +427,6 @@ class Experiment:
             if found:
                 return f"{self._file}, line {number}"
         return self._file
-
-
-def _told(status: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Progress of a bed in words, with the time left of the stage that it is in."""
-    began: dict[str, float] = {}
-
-    def progress(stage: str, share: float) -> None:
-        spent = time.perf_counter() - began.setdefault(stage, time.perf_counter())
-        left = f", {spent * (1.0 / share - 1.0):.0f} s left" if share > 0.05 else ""
-        status(f"settling the bed of particles, once for these parameters: {stage}, {share:.0%}{left}")
-
-    return progress
 
 
 def _choice(value):

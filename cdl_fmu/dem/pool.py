@@ -30,7 +30,10 @@ class Box(NamedTuple):
 
 
 class SavedGrains(NamedTuple):
-    """Content of a :class:`GrainPool`: copies of what is live; stored columns are never changed in place and shared with other saves."""
+    """Content of a :class:`GrainPool`: copies of what is live; stored columns are never changed in place and shared with other saves.
+
+    Among the arrays is the law of the particles, which does not change, for those who look at the forces between them.
+    """
 
     arrays: dict[str, np.ndarray]
     ground: SavedGround
@@ -143,7 +146,7 @@ class GrainPool:
         n, side = g.count[N], g.count[SIDE]
         ident, first = g.ident[side, :n], g.first[side, : n + 1]
         m = g.count[PAIRS]
-        history = _of_pairs(g.history[side], m)
+        history = of_pairs(g.history[side], m)
         used = np.any(history != 0.0, axis=1)
         a = np.repeat(np.arange(n), np.diff(first))[used] if m else np.zeros(0, np.int64)
         b = g.partner[side, :m][used]
@@ -218,7 +221,7 @@ class GrainPool:
             built=g.built[:n].copy(),
             first=g.first[side, : n + 1].copy(),
             partner=g.partner[side, : g.count[PAIRS]].copy(),
-            history=_of_pairs(g.history[side], g.count[PAIRS]),
+            history=of_pairs(g.history[side], g.count[PAIRS]),
             slabs=g.slabs.copy(),
             present=t.present.copy(),
             poses=t.poses.copy(),
@@ -231,6 +234,7 @@ class GrainPool:
             active=self._active,
             wanted=self._wanted,
             calls=np.array(self._calls),
+            law=self._law.copy(),
         )
         return SavedGrains(arrays, self.ground.save(), self._calm.copy())
 
@@ -272,7 +276,7 @@ class GrainPool:
         return SavedGrains(parts, ground, calm)
 
 
-def _of_pairs(history: np.ndarray, m: int) -> np.ndarray:
+def of_pairs(history: np.ndarray, m: int) -> np.ndarray:
     """History pair by pair, [m, HISTORY], from blocks."""
     blocks = -(-int(m) // LENGTH)
     return history[: blocks * HISTORY * LENGTH].reshape(blocks, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[:m].copy()
