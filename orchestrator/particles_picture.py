@@ -22,7 +22,7 @@ _COVERED = 99.0  # %
 
 def particles_picture(seen: Instant) -> Figure:
     """Particles below each wheel, seen from its right, by their speed and by the mean stress in them."""
-    figure = Figure(figsize=(9.0 * max(len(seen.wheels), 1), 8.5), dpi=200, layout="constrained")
+    figure = Figure(figsize=(7.5 * max(len(seen.wheels), 1), 9.2), dpi=200, layout="constrained")
     axes = figure.subplots(len(_PANELS), max(len(seen.wheels), 1), squeeze=False)
     for column, wheel in enumerate(seen.wheels):
         for ax, (name, (label, unit, colours)) in zip(axes[:, column], _PANELS.items()):

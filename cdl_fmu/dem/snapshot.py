@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .law import ELASTIC, HERTZ, LINEAR, PULL, STIFFNESS, TANGENTIAL
-from .particles import PAIRS, SHEAR, SIDE, N, R, X
+from .particles import SHEAR, SIDE, N, R, X
 from .pool import SavedGrains, of_pairs
 from .simulation import Simulation
 
@@ -36,12 +36,13 @@ class Snapshot(NamedTuple):
 def of_simulation(simulation: Simulation) -> Snapshot:
     """The particles of a simulation as they are now."""
     grains = simulation.particles
-    side, n, m = grains.count[SIDE], grains.count[N], grains.count[PAIRS]
+    side, n = grains.count[SIDE], grains.count[N]
+    first = grains.first[side, : n + 1]  # ``count`` tells the number of pairs only once there are lists
+    a, m = np.repeat(np.arange(n), np.diff(first)), int(first[n])
     bodies = simulation.bodies.copy()
     for axis, period in enumerate(grains.periods):
         if period > 0.0:
             bodies[:, X + axis] %= period
-    a = np.repeat(np.arange(n), np.diff(grains.first[side, : n + 1]))
     history = of_pairs(grains.history[side], m)
     law = simulation.material.law(simulation.dt)
     return _snapshot(bodies, simulation.ident.copy(), a, grains.partner[side, :m], history, law, grains.periods)
