@@ -74,7 +74,7 @@ class _Motion:
             self.feel()
 
     def roll(self) -> None:
-        self.tool.r_0 = self.tool.r_0 + [self.wheel.speed * SAMPLE * STEP, 0.0, 0.0]
+        self.tool.r_0 = self.tool.r_0 + np.array([self.wheel.speed * SAMPLE * STEP, 0.0, 0.0])
         self.angle += self.wheel.rate * SAMPLE * STEP
         self.tool.T = axis_rotation(2, self.angle)
 
