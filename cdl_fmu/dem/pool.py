@@ -68,7 +68,7 @@ class GrainPool:
         tools = self._tools if hasattr(self, "_tools") else None
         self._grains, self._tools = empty_particles(n, precision=self._law.dtype, shape=self._shape), self._new_tools(n)
         if tools is not None:
-            for name in ("kinds", "laws", "poses", "goals", "turns", "sums"):
+            for name in ("present", "laws", "poses", "goals", "turns", "sums"):
                 getattr(self._tools, name)[:] = getattr(tools, name)
         self.arrays = (*self._grains, *self._tools, *self._meshes, self._law, self._settings, self._patches)
 
@@ -168,7 +168,7 @@ class GrainPool:
             partner=g.partner[side, : g.count[PAIRS]].copy(),
             history=history_of_pairs(g.history[side], g.count[PAIRS]),
             slabs=g.slabs.copy(),
-            kinds=t.kinds.copy(),
+            present=t.present.copy(),
             poses=t.poses.copy(),
             margins=t.margins.copy(),
             sums=t.sums.copy(),
@@ -195,7 +195,7 @@ class GrainPool:
         g.partner[side, : len(s["partner"])] = s["partner"]
         set_history_of_pairs(g.history[side], s["history"])
         g.slabs[:], g.force[:] = s["slabs"], 0.0
-        t.kinds[:], t.poses[:], t.margins[:], t.sums[:] = s["kinds"], s["poses"], s["margins"], s["sums"]
+        t.present[:], t.poses[:], t.margins[:], t.sums[:] = s["present"], s["poses"], s["margins"], s["sums"]
         touches = len(s["particle"])
         t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
         self._patches[:] = s["patches"]
