@@ -13,6 +13,7 @@ from .columns import SavedGround, ground_from_arrays, ground_to_arrays, keys_of
 from .live import live_of, make_live, touches_of
 from .particles import FREE, PAIRS, SIDE, V_X, V_Z, N, empty_particles, history_of_pairs, set_history_of_pairs
 from .patches import patch_heights
+from .tools import VELOCITY
 
 #: Steps between two looks at whether what lies outside the boxes has come to rest, and how many looks have to find it at rest: a particle
 #: at the top of its flight does not move either. Own choice.
@@ -196,6 +197,7 @@ class GrainPool:
         set_history_of_pairs(g.history[side], s["history"])
         g.slabs[:], g.force[:] = s["slabs"], 0.0
         t.present[:], t.poses[:], t.margins[:], t.sums[:] = s["present"], s["poses"], s["margins"], s["sums"]
+        t.goals[:] = t.poses[:, :VELOCITY]  # where all tools are between steps, those that are away, too
         touches = len(s["particle"])
         t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
         self._patches[:] = s["patches"]
