@@ -21,8 +21,9 @@ LENGTH = 136
 #: Rows of a block's history: tangential displacement of the pair's first particle against the second, and rolling angle, in world axes.
 SHEAR, ROLL, HISTORY = 0, 3, 6
 
-#: Places in ``count``: particles; which of both sides of the arrays is in use; pairs; slabs; cells along x, y, z; 1 if lists are too old.
-N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, COUNT = range(9)
+#: Places in ``count``: particles; which of both sides of the arrays is in use; pairs; slabs; cells along x, y, z; 1 if lists are too old;
+#: 1 if there is no room for all pairs.
+N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, CROWDED, COUNT = range(10)
 
 #: Room for pairs, for each particle; spheres of two sizes have about 3 that touch.
 PAIRS_EACH = 8
