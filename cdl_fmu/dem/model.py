@@ -140,7 +140,7 @@ class DEM(KernelModel):
         ),
         TOO_DEEP: Event(
             f"wheel {{i}}, at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the "
-            "bed, or jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and half a particle (d = {p.d:g} m)"
+            "bed, or jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and a particle (d = {p.d:g} m)"
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
