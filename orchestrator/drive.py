@@ -80,12 +80,13 @@ def simulate(
             from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
 
             experiment = load_experiment(source, tiers=tiers, soil=soil, overrides=overrides)
-            settings, warnings = experiment.settings, experiment.warnings
+            settings = experiment.settings
             scheme, step = scheme or settings.scheme, settings.step if step is None else step
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
             attributes["soil"] = str(soil or "")
             experiment.prepare(status)
+            warnings = experiment.warnings
             status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
             experiment.write_system(package)

@@ -154,6 +154,7 @@ class Experiment:
         run = {s.name: s.start for s in RUN.scalars()} | rig.run_values(keys, mover, r_w) | self._values["run"]
         scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
         self.settings = Settings(scheme=scheme, **run)
+        self._warned_before: list[str] = []  # by what makes what is kept
 
     def instances(self) -> dict[str, Instance]:
         """A new instance of each part by name, with the experiment's parameters; the rover is where the user or the record puts it.
@@ -175,7 +176,7 @@ class Experiment:
                 if f"body[{j}].mesh" in model.files:
                     made[name].set_starts({f"body[{j}].mesh": str(rock.path)})
             try:
-                model.check(made[name].p)
+                made[name].check()
             except ModelError as error:
                 key = str(error).split(" = ")[0]
                 sections = (self.rock_tier.lower() if name == ROCKS else name, "soil", "wheel", "environment")
@@ -185,8 +186,9 @@ class Experiment:
 
     @property
     def warnings(self) -> list[str]:
-        """What the user should know of values that are all allowed."""
-        return [*self._idle_options(), *self._laws_apart(), *self._width_outside(), *self._gravity_outside()]
+        """What the user should know of values that are all allowed, and of what was made by ``prepare``."""
+        of_values = self._idle_options(), self._laws_apart(), self._width_outside(), self._gravity_outside()
+        return [*(text for texts in of_values for text in texts), *self._warned_before]
 
     @property
     def start_is_given(self) -> bool:
@@ -201,7 +203,9 @@ class Experiment:
         told = stages(status, "settling the bed of particles, once for these parameters")
         for name, instance in self.instances().items():
             try:
-                instance.model.prepare(instance.p, {key: Path(path) for key, path in instance.files.items() if path}, told)
+                instance.warnings.clear()  # what its FMU will say
+                instance.prepare(told)
+                self._warned_before += instance.warnings
             except ModelError as error:
                 raise ExperimentError(f"{self._file}: {name}.{error}") from error
 

@@ -331,7 +331,7 @@ def test_tools_and_boxes_are_large_against_particles():
     with pytest.raises(ModelError, match=r"h_g = 0.015 m is 1.5 mean diameters .* at least 2 are needed: take particles below 0.0075 m"):
         check_feature("h_g", 0.015, D)
     check_box(0.25, 0.15, tool_width=0.125, tool_radius=0.125)
-    with pytest.raises(ModelError, match=r"0.2 m wide, for this tool it must be 0.25 m \(2 widths of 0.125 m\)"):
+    with pytest.raises(ModelError, match=r"box_width = 0.2 m: for this tool it must be at least 0.25 m \(2 widths of 0.125 m\)"):
         check_box(0.2, 0.15, tool_width=0.125, tool_radius=0.125)
     with pytest.raises(ModelError, match=r"0.1 m deep, for this tool it must be 0.15 m"):
         check_box(0.3, 0.1, tool_width=0.125, tool_radius=0.125)

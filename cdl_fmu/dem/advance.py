@@ -14,7 +14,7 @@ from .cells import sort_particles
 from .lists import fill_pairs, find_pairs, place_pairs, take_lists
 from .motion import move_particles
 from .pairs import slab_forces
-from .particles import OVERFULL, SLABS, STALE, Particles
+from .particles import CROWDED, SLABS, STALE, Particles
 from .tools import CHUNKS, FELT, Tools, arrive, go_on, set_out
 from .touches import gather_felt, list_touches, touch_forces
 
@@ -69,9 +69,10 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
         if count[STALE]:
             if not sort_particles(grains, HORIZON * dt):
                 return False
+            count[CROWDED] = 0
             for s in range(count[SLABS]):
                 find_pairs(grains, s)
-            if count[OVERFULL] or not list_touches(grains, tools, meshes, HORIZON * dt):
+            if count[CROWDED] or not list_touches(grains, tools, meshes, HORIZON * dt):
                 return False
             place_pairs(grains)
             for s in range(count[SLABS]):
@@ -101,9 +102,10 @@ def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n
         if count[STALE]:
             if not sort_particles(grains, HORIZON * dt):
                 return False
+            count[CROWDED] = 0
             for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
                 find_pairs(Particles(*grains_arrays), np.int64(s))
-            if count[OVERFULL] or not list_touches(grains, tools, meshes, HORIZON * dt):
+            if count[CROWDED] or not list_touches(grains, tools, meshes, HORIZON * dt):
                 return False
             place_pairs(grains)
             for s in numba.prange(count[SLABS]):

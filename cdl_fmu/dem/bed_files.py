@@ -1,4 +1,7 @@
-"""Beds as files: arrays in an .npz, and beside it what they were made from, with units, in a .toml of the same name."""
+"""Beds as files: arrays in an .npz, with what they were made from as a text, in TOML with units; it lies beside it in a .toml, too.
+
+The .toml is for people, and for beds that others made; an .npz with the text in it is enough, so that it can be packed into a FMU.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from .shape import Shape
 from .sizes import Shares, Uniform
 
 #: Version of how beds are made and stored: another one makes all beds anew.
-VERSION = 1
+VERSION = 2
 #: Largest overlap of particles that a bed may have, over the smaller radius. Own choice: 5 times that of a bed at rest.
 LARGEST_OVERLAP = 0.05
 
@@ -69,7 +72,7 @@ def write_bed(bed: Bed, path: Path) -> None:
     # In the same folder, so that they can be moved in one go.
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         partial = Path(folder) / path.name
-        np.savez(partial, **arrays, **bed.contacts._asdict())
+        np.savez(partial, **arrays, **bed.contacts._asdict(), key=np.array(key_text(bed.key)))
         partial.with_suffix(".toml").write_text(text, encoding="utf-8")
         for file in (partial.with_suffix(".toml"), partial):  # where there are arrays, there is all
             file.replace(path.with_suffix(file.suffix))
@@ -77,6 +80,8 @@ def write_bed(bed: Bed, path: Path) -> None:
 
 def load_bed(path: str | Path) -> Bed:
     """Read a bed that anyone wrote: an .npz of arrays, and a .toml of the same name with what it was made from, as the library writes them.
+
+    Where there is no .toml the array ``key`` must hold its text.
 
     Arrays are ``positions`` [n, 3], ``radii`` [n], ``periods`` [2], ``counts`` of columns [2] and ``floor``, as in ``Bed``; and all of
     ``Contacts``, or none of them: particles then begin without history.
@@ -93,15 +98,17 @@ def load_bed(path: str | Path) -> Bed:
 
 def read_bed(path: Path) -> Bed:
     """Read a bed as ``load_bed`` does, but whether its particles fit each other is not looked at."""
-    for file in (path, path.with_suffix(".toml")):
-        if not file.is_file():
-            raise ModelError(f"{file}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
-    key = _read_key(path.with_suffix(".toml"))
+    beside = path.with_suffix(".toml")
+    if not path.is_file():
+        raise ModelError(f"{path}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise ModelError(f"{path.name}: damaged, or no .npz ({error}); write it again") from None
+    if not beside.is_file() and "key" not in arrays:
+        raise ModelError(f"{beside}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
+    key = _read_key(beside) if beside.is_file() else _key_of(path.name, str(arrays["key"]))
     _check_arrays(path.name, arrays)
     contacts = Contacts(*(arrays.get(name, empty) for name, empty in no_contacts()._asdict().items()))
     orientations = arrays.get("orientations", np.zeros((0, 4)))
@@ -131,17 +138,26 @@ def _value(value) -> str:
 
 def _read_key(path: Path) -> BedKey:
     try:
-        sections = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise ModelError(f"{path.name}: damaged, or no TOML ({error})") from None
+    return _key_of(path.name, text)
+
+
+def _key_of(where: str, text: str) -> BedKey:
+    """The key that a text means, which lies in a file of this name."""
+    try:
+        sections = tomllib.loads(text)
+    except ValueError as error:
+        raise ModelError(f"{where}: damaged, or no TOML ({error})") from None
     read = {}
     for section, units in _UNITS.items():
         read[section] = {}
         for name, entry in sections.get(section, {}).items():
             if name not in units:
-                raise ModelError(f"{path.name}: [{section}] {name} is not known; known are {', '.join(units)}")
+                raise ModelError(f"{where}: [{section}] {name} is not known; known are {', '.join(units)}")
             if not isinstance(entry, dict) or "value" not in entry or entry.get("unit") != units[name]:
-                raise ModelError(f'{path.name}: [{section}] {name} must read {{ value = ..., unit = "{units[name]}" }}')
+                raise ModelError(f'{where}: [{section}] {name} must read {{ value = ..., unit = "{units[name]}" }}')
             read[section][name] = _tuples(entry["value"])
     sizes = read["sizes"]
     try:
@@ -150,7 +166,7 @@ def _read_key(path: Path) -> BedKey:
         shape = {name: material.pop(f"shape_{name}") for name in ("corners", "aspect") if f"shape_{name}" in material}
         return BedKey(Material(**material, shape=Shape(**shape) if shape else None), distribution, **read["bed"])
     except TypeError as error:
-        raise ModelError(f"{path.name} lacks a value, or one is of a wrong kind ({error}); copy one from the library") from None
+        raise ModelError(f"{where} lacks a value, or one is of a wrong kind ({error}); copy one from the library") from None
 
 
 def _tuples(value):

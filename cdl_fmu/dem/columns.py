@@ -102,6 +102,11 @@ class Ground:
         self._particles = _groups(home, np.arange(len(home)), n)
         self._pairs = _groups(home[contacts.pairs[:, 0]], np.arange(len(contacts.pairs)), n)
 
+    @property
+    def farthest(self) -> float:
+        """How far from the origin, along x or y, there are numbers of columns and of copies of the tile [m]."""
+        return min(_HALF * self.column, _COPY_HALF * min(self.bed.periods)) - 2.0 * max(self.bed.periods)
+
     def save(self) -> SavedGround:
         """The content as it is now; nothing in it changes later."""
         of_all = self.column, self.bed.key.diameter, self.floor

@@ -22,8 +22,8 @@ LENGTH = 136
 SHEAR, ROLL, HISTORY = 0, 3, 6
 
 #: Places in ``count``: particles; which of both sides of the arrays is in use; pairs; slabs; cells along x, y, z; 1 if lists are too old;
-#: 1 if there was no room for all pairs.
-N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, OVERFULL, COUNT = range(10)
+#: 1 if there is no room for all pairs.
+N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, CROWDED, COUNT = range(10)
 
 #: Room for pairs, for each particle; spheres of two sizes have about 3 that touch.
 PAIRS_EACH = 8

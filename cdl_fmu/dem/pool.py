@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..contact import has_pose, is_set
+from ..slave.model import ModelError
 from .columns import SavedGround, ground_from_arrays, ground_to_arrays, keys_of
 from .live import live_of, make_live, touches_of
 from .particles import FREE, PAIRS, SIDE, V_X, V_Z, N, empty_particles, history_of_pairs, set_history_of_pairs
 from .patches import patch_heights
+from .tools import VELOCITY
 
 #: Steps between two looks at whether what lies outside the boxes has come to rest, and how many looks have to find it at rest: a particle
 #: at the top of its flight does not move either. Own choice.
@@ -91,9 +93,9 @@ class GrainPool:
 
     def reserve(self, u) -> None:
         """Make the columns around the tools live, and store those that rest elsewhere; patches follow their wheels."""
+        wanted = self._columns_wanted(u)
         self._calls += 1
         look = self._calls % _LOOK == 0
-        wanted = self._columns_wanted(u)
         if look or not np.array_equal(wanted, self._wanted):
             self._wanted = wanted
             active = np.union1d(wanted, self._restless(wanted, look))
@@ -105,13 +107,18 @@ class GrainPool:
 
     def _columns_wanted(self, u) -> np.ndarray:
         side, found = self.ground.column, []
-        tools = [tool for name in ("wheel", "body") if name in u.dtype.names for tool in u[name]]
-        for tool, box in zip(tools, self._boxes):
+        tools = [(f"{name}[{k + 1}]", tool) for name in ("wheel", "body") if name in u.dtype.names for k, tool in enumerate(u[name])]
+        for (name, tool), box in zip(tools, self._boxes):
             if not has_pose(tool) or ("active" in tool.dtype.names and tool["active"] == 0.0):
                 continue
             axle, r_0 = tool["T"][1, :2], tool["r_0"]
             axle = axle / max(np.hypot(*axle), 1e-9)
             reach = math.hypot(*box) + side
+            if max(abs(r_0[:2])) + reach > self.ground.farthest:
+                raise ModelError(
+                    f"{name} is at ({r_0[0]:g}, {r_0[1]:g}) m, but a bed of these particles goes {self.ground.farthest:.4g} m from the "
+                    "origin; let wheels and bodies begin near it"
+                )
             i, j = (np.arange(math.floor((x - reach) / side), math.ceil((x + reach) / side)) for x in r_0[:2])
             x, y = np.meshgrid((i + 0.5) * side - r_0[0], (j + 0.5) * side - r_0[1], indexing="ij")
             inside = (abs(x * axle[1] - y * axle[0]) <= box.half_length + 0.5 * side) & (
@@ -200,6 +207,7 @@ class GrainPool:
         set_history_of_pairs(g.history[side], s["history"])
         g.slabs[:], g.force[:] = s["slabs"], 0.0
         t.present[:], t.poses[:], t.margins[:], t.sums[:] = s["present"], s["poses"], s["margins"], s["sums"]
+        t.goals[:] = t.poses[:, :VELOCITY]  # where all tools are between steps, those that are away, too
         touches = len(s["particle"])
         t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
         self._patches[:] = s["patches"]
