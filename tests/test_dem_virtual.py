@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cdl_fmu.dem.apriori import WHEEL_PRESSURE, grains_of, reachable_phi
 from cdl_fmu.dem.bed import BedKey
 from cdl_fmu.dem.material import Material
+from cdl_fmu.dem.scaling import overlap_under
 from cdl_fmu.dem.settle import settle
 from cdl_fmu.dem.sizes import Uniform
 from cdl_fmu.dem.virtual.plate import plates
@@ -120,3 +122,46 @@ def test_bad_tests_are_refused(bed):
         shear(bed, [-5.0])
     with pytest.raises(ModelError, match=r"bed is 0.05 m deep: for a plate of 0.06 m pressed in by 0.025 m it must be at least 0.085 m"):
         plates(bed, [0.06])
+
+
+def test_grains_of_a_soil_have_its_density_and_are_stiff_enough():
+    for linear in (False, True):
+        grains = grains_of(phi=0.55, c=100.0, rho=1500.0, porosity=0.44, linear=linear)
+        assert grains.linear == linear
+        assert grains.density * (1.0 - 0.44) == pytest.approx(1500.0)
+        assert overlap_under(grains, WHEEL_PRESSURE) == pytest.approx(0.01, rel=1e-6)
+
+
+def test_grains_are_rougher_for_stronger_soils_and_for_looser_beds():
+    strengths = [grains_of(phi, 0.0, 1500.0, 0.43) for phi in np.radians([27.0, 30.0, 33.0, 36.0])]
+    porosities = [grains_of(0.55, 0.0, 1500.0, porosity) for porosity in (0.4, 0.43, 0.46)]
+    for grains in (strengths, porosities):
+        assert np.all(np.diff([one.mu + one.mu_r for one in grains]) > 0.0)
+    assert strengths[0].cohesion == 0.0
+
+
+def test_pull_of_contacts_is_from_cohesion_by_rumpf():
+    one, two = (grains_of(0.55, c, 1500.0, 0.43) for c in (100.0, 200.0))
+    assert two.cohesion == pytest.approx(2.0 * one.cohesion)
+    assert one.cohesion * 0.57 * 4.5 / math.pi * math.tan(0.55) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        (dict(porosity=0.285), "porosity = 0.285: beds of grains are known between 0.4 and 0.46; take the nearest, which keeps rho"),
+        (dict(phi=0.9), r"phi = 0.9 rad \(51.6 deg\): beds of porosity 0.43 have .* take a denser bed"),
+        (dict(phi=0.2), r"phi = 0.2 rad \(11.5 deg\): beds of porosity 0.43 have .* take a denser bed"),
+        (dict(c=-1.0), "c = -1 Pa: cohesion must be at least 0 Pa"),
+        (dict(rho=0.0), "rho = 0 kg/m3: the soil's bulk density must be above 0 kg/m3"),
+    ],
+)
+def test_soils_that_grains_cannot_be_are_refused(changes, text):
+    with pytest.raises(ModelError, match=text):
+        grains_of(**dict(phi=0.55, c=0.0, rho=1500.0, porosity=0.43) | changes)
+
+
+def test_what_is_in_reach_is_made():
+    for porosity in (0.4, 0.43, 0.46):
+        for phi in reachable_phi(porosity):
+            grains_of(phi, 0.0, 1500.0, porosity)
