@@ -26,14 +26,14 @@ _LINE = np.array(
         (0.3, 0.0, 0.375, 0.403),
         (0.5, 0.0, 0.421, 0.416),
         (0.5, 0.1, 0.517, 0.438),
-        (0.5, 0.25, 0.592, 0.46),
-        (0.5, 0.6, 0.718, 0.46),
-        (0.8, 0.6, 0.756, 0.46),
-        (0.8, 1.2, 0.801, 0.46),
+        (0.5, 0.25, 0.592, 0.462),
+        (0.5, 0.6, 0.718, 0.48),
+        (0.8, 0.6, 0.756, 0.48),
+        (0.8, 1.2, 0.801, 0.48),
     ]
 )
-#: tan(phi) = T + B max(T - T_0, 0) (0.43 - porosity): rough grains flow at looser porosities, so that they are the denser, by which strength
-#: grows (Bolton 1986). T, B and T_0 by least squares; the tests are off by 1.4 deg (root mean square), most of it their own scatter.
+#: tan(phi) = T + B max(T - T_0, 0) (0.43 - porosity): rough grains flow at looser porosities than others, so that at one porosity they are
+#: the denser, by which strength grows (Bolton 1986). Least squares: tests are off by 1.4 deg (root mean square), most of it their scatter.
 _MIDDLE, _B, _T_0 = 0.43, 10.8, 0.485
 _COORDINATION = 4.5  # contacts of a grain, as beds have them
 
