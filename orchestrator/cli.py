@@ -10,6 +10,7 @@ import typer
 
 from .checkout import home
 from .cli_identify import identify
+from .cli_particles import study, virtual
 from .cli_sweep import measured_in, run_sweeps
 from .cli_validate import validate
 from .refusals import Commands, require_platform, say
@@ -24,6 +25,7 @@ _EXAMPLES = {
     "export": "cdl export two_wheel -o rover.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
     "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
+    "virtual": "cdl virtual mss_d --out results/virtual_mss_d",
     "validate": "cdl validate --quick --out results/validation",
     "doctor": "cdl doctor",
 }
@@ -87,10 +89,13 @@ def run(
     ] = None,
     checkpoint_every: Annotated[float | None, typer.Option(metavar="S", help="Simulated time between checkpoints, in s.")] = None,
     resume: Annotated[Path | None, typer.Option(metavar="CHECKPOINT", help="Go on from a checkpoint, with the options of its run.")] = None,
+    particles_every: Annotated[
+        float | None, typer.Option(metavar="S", help="Simulated time between particles of a DEM in VTK files, particles/*, in s.")
+    ] = None,
     measured: MeasuredTable = None,
     as_json: Json = False,
 ) -> None:
-    """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder.
+    """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder, with a DEM also particles.png.
 
     On a single-wheel testbed a list of values sweeps its key, e.g. --set "slip=[0,0.2,0.4]".
     """
@@ -100,6 +105,7 @@ def run(
     from .terminal import follow
 
     options = dict(soil=soil, overrides=_overrides(settings), scheme=scheme, step=step, stop_time=stop_time)
+    options |= dict(particles_every=particles_every)
     if Path(source).suffix != ".ssp":
         given = options | ({"tiers": _tiers(tiers)} if tiers else {})
         if run_sweeps(source, out, given, measured, as_json, checkpoints=checkpoint_every is not None or resume is not None):
@@ -288,6 +294,8 @@ def diff(
 
 app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
 app.command(epilog=f"Example:  {_EXAMPLES['validate']}")(validate)
+app.command(epilog=f"Example:  {_EXAMPLES['virtual']}")(virtual)
+app.add_typer(study, name="study")
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['doctor']}")

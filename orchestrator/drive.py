@@ -10,11 +10,13 @@ from tempfile import TemporaryDirectory
 
 from .measured import Measured
 from .measurement import measure_result
+from .particles import FOLDER, film_of
+from .particles_picture import particles_picture
 from .report import is_testbed, plot, summary
 from .results import ResultError, open_result
 from .run import Outcome, RunError, run
 from .soil_map import soil_of
-from .ssp import UNPACKED, read_system
+from .ssp import UNPACKED, System, read_system
 from .wheels import carriage_of, dimensions_of, environment_of, ground_of, rocks_of, wheels_of
 
 _TOOLS = ("cdl-fmu", "numba", "numpy", "mujoco-core", "FMPy", "pythonfmu")
@@ -32,12 +34,13 @@ def simulate(
     stop_time: float | None = None,
     checkpoint_every: float | None = None,
     resume: str | Path | None = None,
+    particles_every: float | None = None,
     measured: Measured | None = None,
     picture: bool = True,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     status: Callable[[str], None] = lambda text: None,
 ) -> Outcome:
-    """Run an experiment and leave ``system.ssp``, ``result.nc`` and ``result.png`` in a folder.
+    """Run an experiment and leave ``system.ssp``, ``result.nc`` and ``result.png`` in a folder, with a DEM also ``particles.png``.
 
     Args:
         source: Name of a shipped experiment, path of an experiment's .toml, or of an .ssp package.
@@ -50,8 +53,9 @@ def simulate(
         stop_time: End [s]; the source's own by default.
         checkpoint_every: Simulated time between checkpoints [s].
         resume: Checkpoint to go on from.
+        particles_every: Simulated time between two looks at the particles of a DEM [s], each written as VTK files to ``particles/``.
         measured: Tests that are laid over the picture of a single-wheel testbed.
-        picture: Whether to draw ``result.png``, which takes a second.
+        picture: Whether to draw ``result.png``, and ``particles.png`` with a DEM, which takes seconds.
         progress: Called now and then with the time reached and the stop time [s].
         status: Called with what is being done before the run.
 
@@ -76,11 +80,13 @@ def simulate(
             from .experiment import load_experiment  # the models' libraries take a second; an SSP does without
 
             experiment = load_experiment(source, tiers=tiers, soil=soil, overrides=overrides)
-            settings, warnings = experiment.settings, experiment.warnings
+            settings = experiment.settings
             scheme, step = scheme or settings.scheme, settings.step if step is None else step
             record_interval = settings.record_interval
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
             attributes["soil"] = str(soil or "")
+            experiment.prepare(status)
+            warnings = experiment.warnings
             status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
             experiment.write_system(package)
@@ -90,6 +96,12 @@ def simulate(
         system = read_system(package, UNPACKED)
         attributes |= {"wheels": wheels_of(system), "ground_z": ground_of(system), "dimensions": dimensions_of(system)}
         attributes |= {"carriage": carriage_of(system), "environment": environment_of(system), "hard": rocks_of(system)}
+        film = film_of(system, None if particles_every is None else out / FOLDER)
+        if film is None and particles_every is not None:
+            raise RunError(
+                f"--particles-every {particles_every:g}: no wheel is on particles, only on {_tiers_of(system)}; put one on DEM, or leave "
+                "the option out"
+            )
         outcome = run(
             system,
             out,
@@ -103,14 +115,22 @@ def simulate(
             progress=progress,
             checkpoint_every=checkpoint_every,
             resume=None if resume is None else Path(resume),
+            particles=film,
+            particles_every=particles_every,
         )
     outcome.warnings[:0] = warnings
     try:
         if picture:
             plot(open_result(outcome.result), measured).savefig(out / "result.png")
+            if film is not None and film.last is not None:
+                particles_picture(film.last).savefig(out / "particles.png")
     except ResultError as error:  # a foreign system has no wheels to draw
         outcome.warnings.append(f"no picture: {error}")
     return outcome
+
+
+def _tiers_of(system: System) -> str:
+    return ", ".join(dict.fromkeys(str(wheel["tier"]) for wheel in wheels_of(system))) or "none of our tiers"
 
 
 def facts_of(outcome: Outcome) -> dict[str, object]:

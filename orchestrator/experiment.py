@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from cdl_fmu.slave.records import Record, Scalar
 from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
 from cdl_fmu.unloading import UNLOADING
 from cdl_fmu.wheel import WHEEL
-from fmus import ROCK_TIERS, TIERS, contacts
+from fmus import ROCK_TIERS, SOIL_OWNERS, TIERS, contacts
 
 from . import soil_range
 from .assemble import assemble
@@ -27,6 +27,7 @@ from .rocks import MESH, ROCK, ROCKS, Rock, hard_keys, make_rock
 from .schemes import SCHEMES
 from .sections import RUN, files_in, models_of, sections_of, takes_one
 from .tables import ExperimentError, read_tables
+from .terminal import stages
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,11 @@ class Experiment:
                 raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
+        if len(owners := [tier for tier in SOIL_OWNERS if tier in self.tiers.values()]) > 1:
+            raise ExperimentError(
+                f"{self._place('tiers', '')}: wheels on {' and on '.join(owners)}: each tier owns the soil under all wheels; put the "
+                "others on BCM or VEM, which share it"
+            )
         self.rocks, self.rock_tier = self._rocks(tables)
         n = len(self.rocks)
         #: part -> its model
@@ -148,6 +154,7 @@ class Experiment:
         run = {s.name: s.start for s in RUN.scalars()} | rig.run_values(keys, mover, r_w) | self._values["run"]
         scheme = list(SCHEMES)[int(run.pop("scheme")) - 1]
         self.settings = Settings(scheme=scheme, **run)
+        self._warned_before: list[str] = []  # by what makes what is kept
 
     def instances(self) -> dict[str, Instance]:
         """A new instance of each part by name, with the experiment's parameters; the rover is where the user or the record puts it.
@@ -169,7 +176,7 @@ class Experiment:
                 if f"body[{j}].mesh" in model.files:
                     made[name].set_starts({f"body[{j}].mesh": str(rock.path)})
             try:
-                model.check(made[name].p)
+                made[name].check()
             except ModelError as error:
                 key = str(error).split(" = ")[0]
                 sections = (self.rock_tier.lower() if name == ROCKS else name, "soil", "wheel", "environment")
@@ -179,13 +186,28 @@ class Experiment:
 
     @property
     def warnings(self) -> list[str]:
-        """What the user should know of values that are all allowed."""
-        return [*self._idle_options(), *self._laws_apart(), *self._width_outside(), *self._gravity_outside()]
+        """What the user should know of values that are all allowed, and of what was made by ``prepare``."""
+        of_values = self._idle_options(), self._laws_apart(), self._width_outside(), self._gravity_outside()
+        return [*(text for texts in of_values for text in texts), *self._warned_before]
 
     @property
     def start_is_given(self) -> bool:
         """True if the user places the wheels, so that they are not put on the ground."""
         return not self.rig.start.isdisjoint(self._values[self.rig.mover])
+
+    def prepare(self, status: Callable[[str], None]) -> None:
+        """Make what takes minutes and is kept on this machine, such as a bed of particles; ``status`` is called with how it comes along.
+
+        Raises ExperimentError as ``write_system``.
+        """
+        told = stages(status, "settling the bed of particles, once for these parameters")
+        for name, instance in self.instances().items():
+            try:
+                instance.warnings.clear()  # what its FMU will say
+                instance.prepare(told)
+                self._warned_before += instance.warnings
+            except ModelError as error:
+                raise ExperimentError(f"{self._file}: {name}.{error}") from error
 
     def write_system(self, path: Path) -> None:
         """Write the experiment as an SSP package.
@@ -251,6 +273,10 @@ class Experiment:
         if tier not in ROCK_TIERS:
             where = self._place("rocks", "tier")
             raise ExperimentError(f"{where}: rocks.tier = {tier!r} is unknown; use one of {', '.join(ROCK_TIERS)}")
+        if given and "DEM" in self.tiers.values():
+            raise ExperimentError(
+                f"{self._place('rock[1]', '')}: rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM"
+            )
         if given and self.rig is not ROVER:
             raise ExperimentError(f"{self._place('rock[1]', '')}: rocks need a rover; a testbed's carriage has a single wheel on soil")
         rocks = []
@@ -281,11 +307,12 @@ class Experiment:
     def _on_mesh(self, tables: Mapping) -> set[str]:
         """Tiers whose ground is a mesh."""
         found = {tier for tier in self.tiers.values() if tables.get(tier.lower(), {}).get("ground")}
-        if found and "SCM" in self.tiers.values():
+        if found and (owner := next((tier for tier in SOIL_OWNERS if tier in self.tiers.values()), None)):
             section = min(found).lower()
             where = self._place(section, "ground")
+            instead = "give scm.base, or " if owner == "SCM" else "put "
             raise ExperimentError(
-                f"{where}: {section}.ground: all wheels stand on the soil of the one on SCM; give scm.base, or no wheel on SCM"
+                f"{where}: {section}.ground: all wheels stand on the soil of the one on {owner}; {instead}no wheel on {owner}"
             )
         return found
 

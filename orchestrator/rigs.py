@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from cdl_fmu.dem import DEM
 from cdl_fmu.mesh.ray import highest, mesh_ground
 from cdl_fmu.mesh.surface import load_surface
-from cdl_fmu.slave.interface import body_pose
+from cdl_fmu.scm import SCM
+from cdl_fmu.slave.interface import ENVIRONMENT, body_pose
 from cdl_fmu.slave.model import Instance, Model, ModelError
 from cdl_fmu.slave.records import Real, Record
 from cdl_fmu.terrain.raster import load_raster
+from cdl_fmu.wheel import WHEEL
 from mbs.carriage import Carriage
 from mbs.driver import Driver
 from mbs.rover import Rover
@@ -67,7 +70,7 @@ class _RoverRig(Rig):
         centres = np.array(mover.y["wheel"]["r_0"])
         (front, rear), apart = ground, float(np.linalg.norm((centres[0] - centres[1])[:2]))
         mover.set_starts({"start.z": float(np.mean(ground)) + tip_radius(contacts), "start.pitch": math.atan2(rear - front, apart)})
-        mover.set_starts(settle(mover, contacts, wires))
+        mover.set_starts(settle(mover, *_hard_in_place_of_particles(contacts, wires)))
 
 
 #: Travel [m] of a testbed's carriage at least, and in radii of its wheel: sinkage and forces are stationary well before.
@@ -75,6 +78,7 @@ LEAST_TRAVEL, TRAVEL_IN_RADII = 0.5, 8.0
 #: Travel of rim or hub in one step [m], and the longest step [s]: soil in cells of 5 mm then answers as in shorter steps.
 STEP_TRAVEL, LONGEST_STEP = 1e-4, 0.01
 _HIGH = 1e4  # [m] above all meshes
+_HARD = 1e9  # [N/m3] of ground on which a wheel stands on its grousers' tips
 _STOPS_PER_SECOND = 10.0  # tenths of a second are multiples of the usual steps
 
 
@@ -103,7 +107,8 @@ class _Testbed(Rig):
         return {"step": step, "stop_time": math.ceil(end * _STOPS_PER_SECOND - 1e-6) / _STOPS_PER_SECOND}
 
     def put_on_ground(self, mover: Instance, contacts: Contacts, wires: Wires, ground: np.ndarray) -> None:
-        mover.set_starts({"start.z": float(ground[0]) + tip_radius(contacts)})
+        particles = [contact.pool.highest for contact, _ in contacts.values() if isinstance(contact.model, DEM)]
+        mover.set_starts({"start.z": max([float(ground[0]), *particles]) + tip_radius(contacts)})
 
 
 ROVER = _RoverRig(
@@ -153,6 +158,9 @@ def start(rig: Rig, mover: Instance, contacts: Contacts, wires: Wires, is_given:
     Raises ModelError if there is no such pose, or the user's is far from the ground.
     """
     mover.initialise()
+    for contact, _ in contacts.values():
+        if isinstance(contact.model, DEM):
+            contact.initialise()  # its bed
     centres = np.array(mover.y["wheel"]["r_0"])
     ground = ground_under(contacts, centres)
     if is_given:
@@ -170,6 +178,24 @@ def start(rig: Rig, mover: Instance, contacts: Contacts, wires: Wires, is_given:
     for name, (contact, _) in contacts.items():
         wires.feed(name)
         contact.initialise()
+
+
+def _hard_in_place_of_particles(contacts: Contacts, wires: Wires) -> tuple[Contacts, Wires]:
+    """Contacts for a rover that is to be at rest: particles, which take their time to bear, are as hard as rock; so it sinks in as it runs.
+
+    The ground is as high as the highest particle, so that no wheel begins within one.
+    """
+    hard = {}
+    for name, (contact, wheels) in contacts.items():
+        if isinstance(contact.model, DEM):
+            sizes = contact.model.sizes
+            p = {key: float(contact.p[key]) for key in (*WHEEL.fields, *ENVIRONMENT.fields)}
+            ground = dict(ground_z=contact.pool.highest, k_c=0.0, k_phi=_HARD, n=1.0)
+            hard[name] = Instance(SCM(sizes["n_wheels"], sizes["n_patches"]), name, **p, **ground), wheels
+    if not hard:
+        return contacts, wires
+    instances = {**wires.instances, **{name: instance for name, (instance, _) in hard.items()}}
+    return {**contacts, **hard}, Wires(instances, wires.connections)
 
 
 def ground_under(contacts: Contacts, points: np.ndarray) -> np.ndarray:

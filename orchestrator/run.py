@@ -57,6 +57,8 @@ def run(
     progress: Callable[[float, float], None] = lambda t, stop: None,
     checkpoint_every: float | None = None,
     resume: Path | None = None,
+    particles: Callable[[float, Master], None] | None = None,
+    particles_every: float | None = None,
 ) -> Outcome:
     """Run ``system`` and write ``out/result.nc``.
 
@@ -74,6 +76,8 @@ def run(
         progress: Called now and then with the time reached and the stop time [s].
         checkpoint_every: Simulated time between checkpoints [s].
         resume: Checkpoint to go on from, with the same system, scheme and step; its result file is completed.
+        particles: Looks at the particles in the master's slaves: called with the time [s] and the master at the end, whatever ends the run.
+        particles_every: Simulated time between further looks [s], also at the start and after the first step; None: at the end only.
 
     Raises:
         RunError: step, stop time or checkpoint do not fit.
@@ -86,6 +90,7 @@ def run(
     n_steps = _whole(stop - start, step, "stop time")
     every = 1 if record_interval is None else max(1, round(record_interval / step))
     soil_steps = 0 if soil is None else max(1, round(SOIL_INTERVAL / step))
+    particle_steps = 0 if particles_every is None else _whole(particles_every, step, "interval of particles", least=1)
     checkpoint_steps = 0 if checkpoint_every is None else _whole(checkpoint_every, step, "checkpoint interval", least=1)
     out.mkdir(parents=True, exist_ok=True)
     warnings: list[str] = []
@@ -108,6 +113,11 @@ def run(
                     if soil is not None and (surface := soil(master)) is not None:
                         result.append_soil(start + k * step, surface)
 
+                def look(k: int) -> None:
+                    keep_soil(k)
+                    if particles is not None:
+                        particles(start + k * step, master)
+
                 k = 0
                 if saved is None:
                     result.append(start, master.outputs[columns])
@@ -116,6 +126,8 @@ def run(
                     master.restore(saved)
                     k = int(saved["step"])
                     replay(start + k * step, channels, result)
+                if particle_steps:
+                    particles(start + k * step, master)
                 shown, began = 0.0, time.perf_counter()
                 try:
                     while k < n_steps and not interrupted():
@@ -125,6 +137,8 @@ def run(
                             result.append(start + k * step, master.outputs[columns])
                         if soil_steps and k % soil_steps == 0:
                             keep_soil(k)
+                        if particle_steps and (k == 1 or k % particle_steps == 0) and k < n_steps:  # they come with the first step
+                            particles(start + k * step, master)
                         if checkpoint_steps and k % checkpoint_steps == 0:
                             result.flush()
                             last_row = start + (k if k == n_steps else k - k % every) * step
@@ -135,9 +149,9 @@ def run(
                             progress(start + k * step, stop)
                 except SlaveError:
                     with suppress(Exception):  # the slave may not give its state any more; its failure is what counts
-                        keep_soil(k)
+                        look(k)
                     raise
-                keep_soil(k)
+                look(k)
                 status = "complete" if k == n_steps else "interrupted"
                 result.close(status)
         except SlaveError as error:

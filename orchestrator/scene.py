@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from .moment import Moment, Pose
 
 #: Colours of wheels by tier and of the rover's body (Okabe & Ito 2008, for all eyes).
-TIER_COLOURS = {"SCM": "#D55E00", "BCM": "#0072B2", "VEM": "#009E73"}
+TIER_COLOURS = {"SCM": "#D55E00", "BCM": "#0072B2", "VEM": "#009E73", "DEM": "#CC79A7"}
 BODY_COLOUR = "#333333"
 ROCK_COLOUR = "#8C7B75"
 #: Heights of soil, even in lightness for all eyes.

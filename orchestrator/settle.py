@@ -23,6 +23,7 @@ class Wires:
     """Brings outputs of instances to the inputs of others, as a master does."""
 
     def __init__(self, instances: Mapping[str, Instance], connections: Iterable[Connection]):
+        self.instances, self.connections = instances, list(connections)
         self._wires: dict[str, list[tuple[np.ndarray, int, np.ndarray, int]]] = {name: [] for name in instances}
         at = {
             (name, part, s.name): i.slices[part].start + s.offset
@@ -31,7 +32,7 @@ class Wires:
             for s in i.model.scalars[part]
         }
         routes: dict[tuple[str, str], list[tuple[int, int]]] = {}
-        for c in connections:
+        for c in self.connections:
             route = routes.setdefault((c.source_component, c.target_component), [])
             route.append((at[c.source_component, "y", c.source_variable], at[c.target_component, "u", c.target_variable]))
         for (source, target), pairs in routes.items():

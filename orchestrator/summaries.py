@@ -31,8 +31,8 @@ def print_run(outcome: Outcome, facts: Mapping, resumed: bool) -> None:
         solver = {key: 100.0 * facts["solver"][key] for key in ("pivoted", "unsolved")}
         left = f"{solver['unsolved']:.2g} % left above the tolerance, largest error {facts['solver']['residual_m_s']:.1e} m/s"
         print(f"rigid contacts: of the steps with any, Lemke's method helped in {solver['pivoted']:.2g} %; {left}")
-    for name in ("result.nc", "result.png", "system.ssp"):
-        if (path := outcome.result.with_name(name)).exists():
+    for name in ("result.nc", "result.png", "particles.png", "particles/particles.pvd", "system.ssp"):
+        if (path := outcome.result.parent / name).exists():
             print(path)
 
 

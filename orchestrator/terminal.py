@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -97,7 +98,7 @@ class _Speed(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:.1f} x real time")
+        return Text("" if speed is None else _speed(speed))
 
 
 def _lines(label: str = "") -> Display:
@@ -116,6 +117,37 @@ def _lines(label: str = "") -> Display:
         elif now - shown > _EVERY:
             shown = now
             speed = (t - first[0]) / (now - first[1])
-            say(f"{t:.2f} of {stop:g} s, {speed:.1f} x real time, {(stop - t) / speed:.0f} s left")
+            say(f"{t:.2f} of {stop:g} s, {_speed(speed)}, {duration((stop - t) / speed)} left")
 
     return Display(say, progress)
+
+
+def stages(status: Callable[[str], None], what: str) -> Callable[[str, float], None]:
+    """Progress of something that has stages, told to ``status`` in words every few seconds, with the time left of the stage it is in."""
+    began: dict[str, float] = {}
+    shown = -math.inf
+
+    def progress(stage: str, share: float) -> None:
+        nonlocal shown
+        now = time.perf_counter()
+        spent = now - began.setdefault(stage, now)
+        if now - shown < _EVERY:
+            return
+        shown = now
+        left = f", {duration(spent * (1.0 / share - 1.0))} left" if share > 0.05 and spent > 0.0 else ""
+        status(f"{what}: {stage}, {max(share, 0.0):.0%}{left}")
+
+    return progress
+
+
+def _speed(speed: float) -> str:
+    """Simulated seconds per second, of which slow runs keep two digits."""
+    return f"{speed:.1f} x real time" if speed >= 1.0 else f"{speed:.2g} x real time"
+
+
+def duration(seconds: float) -> str:
+    """A time [s] in the units that people tell it in: ``45 s``, ``12 min``, ``3 h 05 min``."""
+    minutes = round(seconds / 60.0)
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02} min"

@@ -73,7 +73,7 @@ def _mesh(component: Component, name: str) -> dict[str, list]:
 def ground_of(system: System) -> float:
     """Height of the undeformed ground [m] that the contacts stand on; 0 where none says."""
     for wheel in wheels_of(system):
-        if found := _parameters(system.components[wheel["instance"]], ["ground_z"]):
+        if found := parameters_of(system.components[wheel["instance"]], ["ground_z"]):
             return found["ground_z"]
     return 0.0
 
@@ -82,7 +82,7 @@ def environment_of(system: System) -> dict[str, float]:
     """``gravity`` [m/s2], and ``slope`` and ``uphill`` [rad] of the ground, as far as the FMUs of a system declare them."""
     found: dict[str, float] = {}
     for component in system.components.values():
-        found = _parameters(component, ["gravity", "slope", "uphill"]) | found
+        found = parameters_of(component, ["gravity", "slope", "uphill"]) | found
     return found
 
 
@@ -90,7 +90,7 @@ def dimensions_of(system: System) -> dict[str, float]:
     """What pictures draw a rover by, as far as its FMUs declare it: ``r_w, b_w, h_g, mass_height`` [m] and the number ``n_g``."""
     found: dict[str, float] = {}
     for component in system.components.values():
-        found = _parameters(component, ["r_w", "b_w", "n_g", "h_g", "mass_height"]) | found
+        found = parameters_of(component, ["r_w", "b_w", "n_g", "h_g", "mass_height"]) | found
     return found
 
 
@@ -103,14 +103,14 @@ def carriage_of(system: System) -> dict[str, float]:
     for wheel in wheels_of(system):
         mover = system.components[wheel["mover"]]
         if mover.model_description.modelName.startswith("cdl_carriage_"):
-            p = _parameters(mover, [*_CARRIAGE.values(), "lowering_time", "start_ramp"])
+            p = parameters_of(mover, [*_CARRIAGE.values(), "lowering_time", "start_ramp"])
             slip = slip_of(p["speed"], p["wheel_rate"], dimensions_of(system)["r_w"])
             given = {key: p[name] for key, name in _CARRIAGE.items()}
             return given | {"slip": round(slip, 12), "full_speed_s": p["lowering_time"] + p["start_ramp"]}  # 12: as it was asked for
     return {}
 
 
-def _parameters(component: Component, names: list[str]) -> dict[str, float]:
+def parameters_of(component: Component, names: list[str]) -> dict[str, float]:
     """Values of those of these parameters that a component has."""
     starts = {variable.name: variable.start for variable in component.model_description.modelVariables}
     return {name: float(component.parameters.get(name, starts[name])) for name in names if name in starts}

@@ -8,7 +8,7 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
-from slabs import files_of, place_of
+from slabs import files_of, place_of, values_of
 
 from cdl_fmu.slave.build import build_fmu
 from cdl_fmu.slave.model import Instance, ModelError
@@ -28,7 +28,7 @@ def fmu(tmp_path_factory):
 
     def of(model):
         if model.identifier not in built:
-            path = build_fmu(model, folder / f"{model.identifier}.fmu", files=files_of(model))
+            path = build_fmu(model, folder / f"{model.identifier}.fmu", values_of(model), files_of(model))
             built[model.identifier] = path, fmpy.extract(str(path)), fmpy.read_model_description(str(path))
         return built[model.identifier]
 
@@ -83,7 +83,7 @@ def test_the_fmu_is_valid_and_complete(model, fmu):
 
 @every_model
 def test_the_same_sources_give_the_same_bytes(model, fmu, tmp_path):
-    again = build_fmu(model, tmp_path / "again.fmu", files=files_of(model))
+    again = build_fmu(model, tmp_path / "again.fmu", values_of(model), files_of(model))
     assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(fmu(model)[0].read_bytes()).digest()
 
 
@@ -96,9 +96,14 @@ def test_a_model_of_a_script_is_refused(tmp_path):
 
 @every_model
 def test_start_values_can_be_baked_in(model, tmp_path):
-    scalar = next(s for s in model.scalars["p"] if np.isfinite(s.field.max) and s.start != s.field.max and not isinstance(s.field, Choice))
+    own = values_of(model)
+    scalar = next(
+        s
+        for s in model.scalars["p"]
+        if np.isfinite(s.field.max) and s.start != s.field.max and not isinstance(s.field, Choice) and s.name not in own
+    )
     value = 0.5 * (scalar.start + min(scalar.field.max, scalar.start + 1.0))
-    path = build_fmu(model, tmp_path / "baked.fmu", {scalar.name: value}, files_of(model))
+    path = build_fmu(model, tmp_path / "baked.fmu", {**own, scalar.name: value}, files_of(model))
     description = fmpy.read_model_description(str(path))
     assert validate_fmu(str(path)) == []
     assert float(next(v.start for v in description.modelVariables if v.name == scalar.name)) == value
@@ -141,6 +146,7 @@ def _excite(slave, k):
 @every_model
 def test_a_slave_gives_the_bits_of_the_model_in_process(model, slave):
     one, instance = slave(model), Instance(model, **files_of(model))
+    instance.set_starts(values_of(model))
     instance.initialise(0.0)
     for k in range(5):
         _excite(one, k)

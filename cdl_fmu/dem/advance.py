@@ -14,7 +14,7 @@ from .cells import sort_particles
 from .lists import fill_pairs, find_pairs, place_pairs, take_lists
 from .motion import move_particles
 from .pairs import slab_forces
-from .particles import SLABS, STALE, Particles
+from .particles import CROWDED, SLABS, STALE, Particles
 from .tools import CHUNKS, FELT, Tools, arrive, go_on, set_out
 from .touches import gather_felt, list_touches, touch_forces
 
@@ -63,15 +63,16 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
         n_steps: Number of substeps.
     """
     grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
-    count, full = grains.count, 0
+    count = grains.count
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
             if not sort_particles(grains, HORIZON * dt):
                 return False
+            count[CROWDED] = 0
             for s in range(count[SLABS]):
-                full += not find_pairs(grains, s)
-            if full or not list_touches(grains, tools, meshes, HORIZON * dt):
+                find_pairs(grains, s)
+            if count[CROWDED] or not list_touches(grains, tools, meshes, HORIZON * dt):
                 return False
             place_pairs(grains)
             for s in range(count[SLABS]):
@@ -95,15 +96,16 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
 def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
     """``advance`` with several threads."""
     grains, tools = Particles(*grains_arrays), Tools(*tools_arrays)
-    count, full = grains.count, 0
+    count = grains.count
     set_all_out(tools, n_steps * dt, n_steps)
     for _ in range(n_steps):
         if count[STALE]:
             if not sort_particles(grains, HORIZON * dt):
                 return False
+            count[CROWDED] = 0
             for s in numba.prange(count[SLABS]):  # unsigned there, and numba's prange hands arrays to its threads, no named tuples
-                full += not find_pairs(Particles(*grains_arrays), np.int64(s))
-            if full or not list_touches(grains, tools, meshes, HORIZON * dt):
+                find_pairs(Particles(*grains_arrays), np.int64(s))
+            if count[CROWDED] or not list_touches(grains, tools, meshes, HORIZON * dt):
                 return False
             place_pairs(grains)
             for s in numba.prange(count[SLABS]):

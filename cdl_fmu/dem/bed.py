@@ -86,7 +86,7 @@ class BedKey:
             if not layer.top - layer.bottom >= least:
                 raise ModelError(
                     f"the layer from {-layer.top:g} m to {-layer.bottom:g} m of depth holds particles of {diameter:g} m: it "
-                    f" must be at least {least:g} m thick ({LEAST_LAYER:g} diameters); make it thicker, or take finer particles"
+                    f"must be at least {least:g} m thick ({LEAST_LAYER:g} diameters); make it thicker, or take finer particles"
                 )
         bottom, top = self.bulk(-self.depth, 0.0)
         if top - bottom < self.largest:
@@ -139,6 +139,7 @@ class Bed:
         counts: Numbers of columns along x and y, by which it can be cut.
         floor: Height of its floor [m], below 0.
         contacts: Contacts of the particles, with their history.
+        orientations: Quaternions from the particles' frames to the world, [n, 4]; of spheres [0, 4].
     """
 
     key: BedKey
@@ -148,6 +149,7 @@ class Bed:
     counts: tuple[int, int]
     floor: float
     contacts: Contacts
+    orientations: np.ndarray
 
     @property
     def column(self) -> float:
@@ -178,6 +180,8 @@ class Bed:
         options = dict(gravity=self.key.gravity, periods=self.periods) | options
         simulation = Simulation(self.positions, self.radii, self.key.material, [floor, *tools], **options)
         put_contacts(simulation, self.contacts)
+        if len(self.orientations):
+            simulation.particles.orientation[0] = self.orientations
         return simulation
 
 
@@ -232,6 +236,7 @@ def replicate(bed: Bed, n_x: int, n_y: int) -> Bed:
         bed,
         positions=positions,
         radii=np.tile(bed.radii, len(copies)),
+        orientations=np.tile(bed.orientations, (len(copies), 1)),
         periods=(n_x * l_x, n_y * l_y),
         counts=(n_x * bed.counts[0], n_y * bed.counts[1]),
         contacts=contacts,

@@ -1,4 +1,7 @@
-"""Beds as files: arrays in an .npz, and beside it what they were made from, with units, in a .toml of the same name."""
+"""Beds as files: arrays in an .npz, with what they were made from as a text, in TOML with units; it lies beside it in a .toml, too.
+
+The .toml is for people, and for beds that others made; an .npz with the text in it is enough, so that it can be packed into a FMU.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,18 @@ from ..slave.model import ModelError
 from .bed import COLUMN_DIAMETERS, Bed, BedKey
 from .contacts import Contacts, no_contacts
 from .material import Material
+from .shape import Shape
 from .sizes import Shares, Uniform
 
 #: Version of how beds are made and stored: another one makes all beds anew.
-VERSION = 1
+VERSION = 2
 #: Largest overlap of particles that a bed may have, over the smaller radius. Own choice: 5 times that of a bed at rest.
 LARGEST_OVERLAP = 0.05
 
 _UNITS = {
-    "material": dict(E="Pa", nu="1", e="1", mu="1", mu_r="1", cohesion="Pa", density="kg/m3", linear="1"),
+    "material": dict(
+        E="Pa", nu="1", e="1", mu="1", mu_r="1", cohesion="Pa", density="kg/m3", linear="1", shape_corners="1", shape_aspect="1"
+    ),
     "sizes": dict(d_min="m", d_max="m", shares="m, 1"),
     "bed": dict(porosity="1", depth="m", size="m", gravity="m/s2", refinement="m, 1", scale="1", seed="1"),
 }
@@ -33,11 +39,14 @@ _UNITS = {
 def key_text(key: BedKey) -> str:
     """The key as TOML: equal keys have equal texts."""
     sections = {name: asdict(getattr(key, name)) for name in ("material", "sizes")}
+    shape = sections["material"].pop("shape")
+    sections["material"] |= {f"shape_{name}": value for name, value in (shape or {}).items()}
     sections["bed"] = {name: getattr(key, name) for name in _UNITS["bed"]}
     lines = []
     for name, values in sections.items():
         lines.append(f"[{name}]")
-        lines += [f'{parameter} = {{ value = {_value(value)}, unit = "{_UNITS[name][parameter]}" }}' for parameter, value in values.items()]
+        for parameter, value in values.items():
+            lines.append(f'{parameter} = {{ value = {_value(value)}, unit = "{_UNITS[name][parameter]}" }}')
         lines.append("")
     return "\n".join(lines)
 
@@ -50,6 +59,8 @@ def key_hash(key: BedKey) -> str:
 def write_bed(bed: Bed, path: Path) -> None:
     """Write ``path`` (.npz) and the .toml beside it; such files are replaced only by complete ones."""
     arrays = dict(positions=bed.positions, radii=bed.radii, periods=bed.periods, counts=bed.counts, floor=bed.floor)
+    if len(bed.orientations):
+        arrays["orientations"] = bed.orientations
     text = (
         f"# Bed of particles; its arrays are in {path.name}.\n\n"
         f"{key_text(bed.key)}\n"
@@ -61,14 +72,16 @@ def write_bed(bed: Bed, path: Path) -> None:
     # In the same folder, so that they can be moved in one go.
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         partial = Path(folder) / path.name
-        np.savez(partial, **arrays, **bed.contacts._asdict())
+        np.savez(partial, **arrays, **bed.contacts._asdict(), key=np.array(key_text(bed.key)))
         partial.with_suffix(".toml").write_text(text, encoding="utf-8")
         for file in (partial.with_suffix(".toml"), partial):  # where there are arrays, there is all
             file.replace(path.with_suffix(file.suffix))
 
 
 def load_bed(path: str | Path) -> Bed:
-    """Read a bed: an .npz of arrays, and a .toml of the same name with what it was made from, as the library writes them.
+    """Read a bed that anyone wrote: an .npz of arrays, and a .toml of the same name with what it was made from, as the library writes them.
+
+    Where there is no .toml the array ``key`` must hold its text.
 
     Arrays are ``positions`` [n, 3], ``radii`` [n], ``periods`` [2], ``counts`` of columns [2] and ``floor``, as in ``Bed``; and all of
     ``Contacts``, or none of them: particles then begin without history.
@@ -78,21 +91,40 @@ def load_bed(path: str | Path) -> Bed:
             for the largest particle, or particles overlap by more than 5 % of the smaller radius.
     """
     path = Path(path)
-    for file in (path, path.with_suffix(".toml")):
-        if not file.is_file():
-            raise ModelError(f"{file}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
-    key = _read_key(path.with_suffix(".toml"))
+    bed = read_bed(path)
+    _check_bed(path.name, bed)
+    return bed
+
+
+def read_bed(path: Path) -> Bed:
+    """Read a bed as ``load_bed`` does, but whether its particles fit each other is not looked at."""
+    beside = path.with_suffix(".toml")
+    if not path.is_file():
+        raise ModelError(f"{path}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise ModelError(f"{path.name}: damaged, or no .npz ({error}); write it again") from None
+    if not beside.is_file() and "key" not in arrays:
+        raise ModelError(f"{beside}: no such file; a bed is an .npz of arrays and a .toml beside it with what it was made from")
+    key = _read_key(beside) if beside.is_file() else _key_of(path.name, str(arrays["key"]))
     _check_arrays(path.name, arrays)
     contacts = Contacts(*(arrays.get(name, empty) for name, empty in no_contacts()._asdict().items()))
+    orientations = arrays.get("orientations", np.zeros((0, 4)))
+    if key.material.shape and not len(orientations):
+        raise ModelError(f"{path.name} has no array orientations, [n, 4]: particles with a shape need one quaternion each")
     periods, counts = tuple(arrays["periods"].tolist()), tuple(arrays["counts"].tolist())
-    bed = Bed(key, arrays["positions"].astype(float), arrays["radii"].astype(float), periods, counts, float(arrays["floor"]), contacts)
-    _check_bed(path.name, bed)
-    return bed
+    return Bed(
+        key,
+        arrays["positions"].astype(float),
+        arrays["radii"].astype(float),
+        periods,
+        counts,
+        float(arrays["floor"]),
+        contacts,
+        orientations,
+    )
 
 
 def _value(value) -> str:
@@ -106,24 +138,35 @@ def _value(value) -> str:
 
 def _read_key(path: Path) -> BedKey:
     try:
-        sections = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise ModelError(f"{path.name}: damaged, or no TOML ({error})") from None
+    return _key_of(path.name, text)
+
+
+def _key_of(where: str, text: str) -> BedKey:
+    """The key that a text means, which lies in a file of this name."""
+    try:
+        sections = tomllib.loads(text)
+    except ValueError as error:
+        raise ModelError(f"{where}: damaged, or no TOML ({error})") from None
     read = {}
     for section, units in _UNITS.items():
         read[section] = {}
         for name, entry in sections.get(section, {}).items():
             if name not in units:
-                raise ModelError(f"{path.name}: [{section}] {name} is not known; known are {', '.join(units)}")
+                raise ModelError(f"{where}: [{section}] {name} is not known; known are {', '.join(units)}")
             if not isinstance(entry, dict) or "value" not in entry or entry.get("unit") != units[name]:
-                raise ModelError(f'{path.name}: [{section}] {name} must read {{ value = ..., unit = "{units[name]}" }}')
+                raise ModelError(f'{where}: [{section}] {name} must read {{ value = ..., unit = "{units[name]}" }}')
             read[section][name] = _tuples(entry["value"])
     sizes = read["sizes"]
     try:
         distribution = Shares(**sizes) if "shares" in sizes else Uniform(**sizes)
-        return BedKey(Material(**read["material"]), distribution, **read["bed"])
+        material = read["material"]
+        shape = {name: material.pop(f"shape_{name}") for name in ("corners", "aspect") if f"shape_{name}" in material}
+        return BedKey(Material(**material, shape=Shape(**shape) if shape else None), distribution, **read["bed"])
     except TypeError as error:
-        raise ModelError(f"{path.name} lacks a value, or one is of a wrong kind ({error}); copy one from the library") from None
+        raise ModelError(f"{where} lacks a value, or one is of a wrong kind ({error}); copy one from the library") from None
 
 
 def _tuples(value):
@@ -141,9 +184,12 @@ def _check_arrays(name: str, arrays: dict[str, np.ndarray]) -> None:
     history = dict(pairs=(m, 2), images=(m, 2), shear=(m, 3), roll=(m, 3), on_floor=(k,), floor_shear=(k, 3), floor_roll=(k, 3))
     if not history.keys().isdisjoint(arrays):
         shapes |= history
-    for array, shape in shapes.items():
+    if "orientations" in arrays:
+        shapes["orientations"] = (n, 4)
+    for array in shapes:
         if array not in arrays:
             raise ModelError(f"{name} has no array {array}: a bed needs {', '.join(shapes)}")
+    for array, shape in shapes.items():
         if arrays[array].shape != shape:
             raise ModelError(f"{name}: {array} has the shape {arrays[array].shape}, {shape} is needed".replace("'", ""))
         if arrays[array].dtype.kind not in "iuf" or not np.isfinite(arrays[array]).all():
@@ -183,7 +229,7 @@ def _check_overlaps(name: str, bed: Bed) -> None:
     if deep[worst] > LARGEST_OVERLAP * radii[worst]:
         raise ModelError(
             f"{name}: particle {worst} is {deep[worst]:.3g} m deep in the floor at {bed.floor:g} m, above {100.0 * LARGEST_OVERLAP:g} % of "
-            f"its radius ({radii[worst]:g} m): raise it, or settle the bed"
+            f"its radius ({radii[worst]:g} m): raise it, settle the bed, or raise E"
         )
     positions[:, :2] %= bed.periods
     tree = cKDTree(positions, boxsize=[*bed.periods, 0.0])  # 0: does not repeat itself
@@ -197,6 +243,6 @@ def _check_overlaps(name: str, bed: Bed) -> None:
         i, j = sorted((int(a[worst]), int(b[worst])))
         raise ModelError(
             f"{name}: particles {i} and {j} (radii {radii[i]:g} m and {radii[j]:g} m) overlap by {overlap[worst]:.3g} m, "
-            f"{100.0 * share[worst]:.3g} % of the smaller radius; at most {100.0 * LARGEST_OVERLAP:g} % are possible: move them apart, or "
-            "settle the bed"
+            f"{100.0 * share[worst]:.3g} % of the smaller radius; at most {100.0 * LARGEST_OVERLAP:g} % are possible: move them apart, "
+            "settle the bed, or raise E"
         )

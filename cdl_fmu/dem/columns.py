@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .bed import Bed
-from .particles import FREE, HISTORY, PARTICLE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, R, X, Y, Z, mass_of
+from .particles import FREE, PARTICLE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, R, X, Y, Z, mass_of
 from .tools import KEPT, NORMAL, ROLLED, SLID
 
 _BITS, _HALF = 21, 1 << 20  # of a column's number along an axis
@@ -31,42 +31,47 @@ def places_of(keys):
     return (keys >> _BITS) - _HALF, (keys & ((1 << _BITS) - 1)) - _HALF
 
 
-class Live(NamedTuple):
-    """Particles that are in the simulation, and their contacts, which know them by their numbers.
-
-    Attributes:
-        bodies: Records, [n, PARTICLE].
-        ident: Numbers, int64 [n].
-        a, b: Numbers of the particles of each contact, int64 [m].
-        history: Of each contact, as of a against b, [m, HISTORY].
-        resting: Numbers of particles on the floor, int64 [k].
-        kept: History of their contact with it, [k, KEPT].
-    """
+class Grains(NamedTuple):
+    """Particles: records [n, PARTICLE], numbers int64 [n], and quaternions of particles with a shape [n, 4], of spheres [n, 0]."""
 
     bodies: np.ndarray
     ident: np.ndarray
+    orientation: np.ndarray
+
+
+class Touching(NamedTuple):
+    """Contacts of particles: numbers of both, int64 [m], and history as of the first against the second, [m, HISTORY]."""
+
     a: np.ndarray
     b: np.ndarray
     history: np.ndarray
-    resting: np.ndarray
+
+
+class Resting(NamedTuple):
+    """Contacts with the floor: number of the particle, int64 [k], and history, [k, KEPT]."""
+
+    ident: np.ndarray
     kept: np.ndarray
 
 
-class _Contacts(NamedTuple):
-    """Contacts that are known but not live, by the column of their first particle."""
+class Live(NamedTuple):
+    """What is in the simulation."""
 
-    a: np.ndarray
-    b: np.ndarray
-    history: np.ndarray
+    grains: Grains
+    touching: Touching
+    resting: Resting
 
 
 class SavedGround(NamedTuple):
-    """Content of a :class:`Ground`."""
+    """Content of a :class:`Ground`; and what does not change: side of a column, mean diameter at the surface, height of the floor [m]."""
 
-    stored: dict[int, tuple[np.ndarray, np.ndarray]]
-    contacts: dict[int, _Contacts]
-    resting: dict[int, tuple[np.ndarray, np.ndarray]]
+    stored: dict[int, Grains]
+    touching: dict[int, Touching]
+    resting: dict[int, Resting]
     touched: frozenset[int]
+    column: float
+    diameter: float
+    floor: float
 
 
 class Ground:
@@ -78,16 +83,17 @@ class Ground:
     """
 
     def __init__(self, bed: Bed, ground_z: float):
-        self.bed, self.ground_z, self.column = bed, ground_z, bed.column
-        self.stored: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # records and numbers of particles
-        self.contacts: dict[int, _Contacts] = {}
-        self.resting: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.bed, self.ground_z, self.column, self.floor = bed, ground_z, bed.column, ground_z + bed.floor
+        # By columns: particles that are stored, and contacts that are known but not live, by the column of their first particle.
+        self.stored: dict[int, Grains] = {}
+        self.touching: dict[int, Touching] = {}
+        self.resting: dict[int, Resting] = {}
         self.touched: frozenset[int] = frozenset()
         contacts, n = bed.contacts, bed.counts[0] * bed.counts[1]
         self._history = np.hstack([contacts.shear, contacts.roll])
         self._kept = np.zeros((len(bed.radii), KEPT))
-        self._kept[contacts.floor, NORMAL + 2] = 1.0
-        self._kept[contacts.floor, SLID : SLID + 3], self._kept[contacts.floor, ROLLED : ROLLED + 3] = (
+        self._kept[contacts.on_floor, NORMAL + 2] = 1.0
+        self._kept[contacts.on_floor, SLID : SLID + 3], self._kept[contacts.on_floor, ROLLED : ROLLED + 3] = (
             contacts.floor_shear,
             contacts.floor_roll,
         )
@@ -96,13 +102,19 @@ class Ground:
         self._particles = _groups(home, np.arange(len(home)), n)
         self._pairs = _groups(home[contacts.pairs[:, 0]], np.arange(len(contacts.pairs)), n)
 
+    @property
+    def farthest(self) -> float:
+        """How far from the origin, along x or y, there are numbers of columns and of copies of the tile [m]."""
+        return min(_HALF * self.column, _COPY_HALF * min(self.bed.periods)) - 2.0 * max(self.bed.periods)
+
     def save(self) -> SavedGround:
         """The content as it is now; nothing in it changes later."""
-        return SavedGround(self.stored.copy(), self.contacts.copy(), self.resting.copy(), self.touched)
+        of_all = self.column, self.bed.key.diameter, self.floor
+        return SavedGround(self.stored.copy(), self.touching.copy(), self.resting.copy(), self.touched, *of_all)
 
     def restore(self, saved: SavedGround) -> None:
         """Go back to what was saved."""
-        self.stored, self.contacts, self.resting = saved.stored.copy(), saved.contacts.copy(), saved.resting.copy()
+        self.stored, self.touching, self.resting = saved.stored.copy(), saved.touching.copy(), saved.resting.copy()
         self.touched = saved.touched
 
     def columns_of(self, bodies: np.ndarray) -> np.ndarray:
@@ -118,9 +130,9 @@ class Ground:
         found = [live[np.isin(of_live, keys)]]
         for key in keys.tolist():
             if key in self.stored:
-                found.append(self.stored[key][0])
+                found.append(self.stored[key].bodies)
             if key not in self.touched:
-                found.append(self.copy(key)[0])
+                found.append(self.copy(key).grains.bodies)
         return np.concatenate(found)
 
     def exchange(self, live: Live, active: np.ndarray) -> Live:
@@ -131,45 +143,43 @@ class Ground:
             active: Numbers of columns, int64.
         """
         columns = around(active)
-        keys = self.columns_of(live.bodies)
+        keys = self.columns_of(live.grains.bodies)
         stays = np.isin(keys, columns)
-        self._store(live, keys, ~stays)
-        loaded = [self._load(key) for key in columns.tolist()]
-        bodies = np.concatenate([live.bodies[stays], *(bodies for bodies, _ in loaded)])
-        ident = np.concatenate([live.ident[stays], *(ident for _, ident in loaded)])
-        free = np.isin(self.columns_of(bodies), active)
-        bodies[:, FREE] = free
+        for key, members in _by_key(keys[~stays]):
+            _add(self.stored, key, _some(_some(live.grains, ~stays), members))
+        for key in columns.tolist():
+            if key not in self.touched:
+                self.touched |= {key}
+                new = self.copy(key)
+                # There may be particles that came over from other columns before, and their contacts.
+                _add(self.stored, key, new.grains)
+                _add(self.touching, key, new.touching)
+                _add(self.resting, key, new.resting)
+        grains = _joined([_some(live.grains, stays), *(self.stored.pop(key) for key in columns.tolist() if key in self.stored)])
+        free = np.isin(self.columns_of(grains.bodies), active)
+        grains.bodies[:, FREE] = free
         for column in (V_X, V_Y, V_Z, W_X, W_Y, W_Z):
-            bodies[~free, column] = 0.0
-        order = np.argsort(ident)
-        is_free = dict(ident=ident[order], free=free[order])
-        a, b, history = self._wake_contacts(live, keys, columns, is_free)
-        resting, kept = self._wake_resting(live, keys, columns, is_free)
-        return Live(bodies, ident, a, b, history, resting, kept)
+            grains.bodies[~free, column] = 0.0
+        order = np.argsort(grains.ident)
+        numbers, free = grains.ident[order], free[order]
+        homes = _Homes(live.grains.ident, keys)
 
-    def _store(self, live: Live, keys: np.ndarray, which: np.ndarray) -> None:
-        for key, members in _by_key(keys[which]):
-            bodies, ident = live.bodies[which][members], live.ident[which][members]
-            if key in self.stored:
-                more, numbers = self.stored[key]
-                bodies, ident = np.concatenate([more, bodies]), np.concatenate([numbers, ident])
-            self.stored[key] = bodies, ident
+        def moves(ident):
+            """Whether particles are live, and whether they move."""
+            at = np.minimum(np.searchsorted(numbers, ident), len(numbers) - 1)
+            found = numbers[at] == ident
+            return found, found & free[at]
 
-    def _load(self, key: int) -> tuple[np.ndarray, np.ndarray]:
-        """Particles that are to come in with a column: none if it is live already."""
-        if key in self.touched:
-            return self.stored.pop(key, (np.zeros((0, PARTICLE)), np.zeros(0, np.int64)))
-        self.touched |= {key}
-        bodies, ident, contacts, resting = self.copy(key)
-        self.contacts[key] = _joined(self.contacts.get(key), contacts)
-        self.resting[key] = resting
-        if key in self.stored:  # what came over from other columns before
-            more, numbers = self.stored.pop(key)
-            bodies, ident = np.concatenate([bodies, more]), np.concatenate([ident, numbers])
-        return bodies, ident
+        def awake(contacts):
+            (in_a, free_a), (in_b, free_b) = moves(contacts.a), moves(contacts.b)
+            return in_a & in_b & (free_a | free_b)
 
-    def copy(self, key: int):
-        """Particles, numbers, contacts and contacts with the floor of an untouched column."""
+        touching = _wake(live.touching, homes.of(live.touching.a), self.touching, columns, awake)
+        resting = _wake(live.resting, homes.of(live.resting.ident), self.resting, columns, lambda contacts: moves(contacts.ident)[1])
+        return Live(grains, touching, resting)
+
+    def copy(self, key: int) -> Live:
+        """What an untouched column holds."""
         bed, (n_x, n_y) = self.bed, self.bed.counts
         i, j = places_of(key)
         (u, a), (v, b) = divmod(int(i), n_x), divmod(int(j), n_y)
@@ -177,39 +187,35 @@ class Ground:
         bodies = np.zeros((len(members), PARTICLE))
         bodies[:, X : Z + 1] = bed.positions[members] + [u * bed.periods[0], v * bed.periods[1], self.ground_z]
         bodies[:, R], bodies[:, M] = bed.radii[members], mass_of(bed.radii[members], bed.key.material.density)
+        orientation = bed.orientations[members] if len(bed.orientations) else np.zeros((len(members), 0))
         first, second = bed.contacts.pairs[pairs].T
         image = bed.contacts.images[pairs].astype(np.int64)
-        contacts = _Contacts(_ident(u, v, first), _ident(u + image[:, 0], v + image[:, 1], second), self._history[pairs])
+        touching = Touching(_ident(u, v, first), _ident(u + image[:, 0], v + image[:, 1], second), self._history[pairs])
         resting = members[self._kept[members, NORMAL + 2] > 0.0]
-        return bodies, _ident(u, v, members), contacts, (_ident(u, v, resting), self._kept[resting])
+        return Live(Grains(bodies, _ident(u, v, members), orientation), touching, Resting(_ident(u, v, resting), self._kept[resting]))
 
-    def _wake_contacts(self, live: Live, keys: np.ndarray, columns: np.ndarray, is_free) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The contacts that are live now; the others are put away by the column of their first particle."""
-        known = [(key, self.contacts.pop(key)) for key in columns.tolist() if key in self.contacts]
-        order = np.argsort(live.ident)
-        homes = keys[order][np.searchsorted(live.ident, live.a, sorter=order)] if len(live.a) else np.zeros(0, np.int64)
-        home = np.concatenate([homes, *(np.full(len(c.a), key) for key, c in known)])
-        a, b = (np.concatenate([getattr(live, side), *(getattr(c, side) for _, c in known)]) for side in "ab")
-        history = np.concatenate([live.history, *(c.history for _, c in known)])
-        (in_a, free_a), (in_b, free_b) = _found(a, is_free), _found(b, is_free)
-        awake = in_a & in_b & (free_a | free_b)
-        for key, members in _by_key(home[~awake]):
-            more = _Contacts(a[~awake][members], b[~awake][members], history[~awake][members])
-            self.contacts[key] = _joined(self.contacts.get(key), more)
-        return a[awake], b[awake], history[awake]
 
-    def _wake_resting(self, live: Live, keys: np.ndarray, columns: np.ndarray, is_free) -> tuple[np.ndarray, np.ndarray]:
-        known = [(key, *self.resting.pop(key)) for key in columns.tolist() if key in self.resting]
-        order = np.argsort(live.ident)
-        homes = keys[order][np.searchsorted(live.ident, live.resting, sorter=order)] if len(live.resting) else np.zeros(0, np.int64)
-        home = np.concatenate([homes, *(np.full(len(ident), key) for key, ident, _ in known)])
-        ident = np.concatenate([live.resting, *(ident for _, ident, _ in known)])
-        kept = np.concatenate([live.kept, *(kept for _, _, kept in known)])
-        _, awake = _found(ident, is_free)
-        for key, members in _by_key(home[~awake]):
-            old, old_kept = self.resting.get(key, (ident[:0], kept[:0]))
-            self.resting[key] = np.concatenate([old, ident[~awake][members]]), np.concatenate([old_kept, kept[~awake][members]])
-        return ident[awake], kept[awake]
+def _wake(live, homes: np.ndarray, known: dict, columns: np.ndarray, awake):
+    """The contacts that are live now, of those that were and of those known in these columns; the others are put away by their column."""
+    parts = [(key, known.pop(key)) for key in columns.tolist() if key in known]
+    homes = np.concatenate([homes, *(np.full(len(part[0]), key) for key, part in parts)])
+    contacts = _joined([live, *(part for _, part in parts)])
+    which = awake(contacts)
+    asleep = _some(contacts, ~which)
+    for key, members in _by_key(homes[~which]):
+        _add(known, key, _some(asleep, members))
+    return _some(contacts, which)
+
+
+class _Homes:
+    """Columns of particles by their numbers."""
+
+    def __init__(self, ident: np.ndarray, keys: np.ndarray):
+        order = np.argsort(ident)
+        self._ident, self._keys = ident[order], keys[order]
+
+    def of(self, ident: np.ndarray) -> np.ndarray:
+        return self._keys[np.searchsorted(self._ident, ident)] if len(ident) else np.zeros(0, np.int64)
 
 
 def around(keys: np.ndarray) -> np.ndarray:
@@ -236,45 +242,42 @@ def _by_key(keys: np.ndarray):
     return zip(different.tolist(), np.split(order, starts[1:]))
 
 
-def _joined(old: _Contacts | None, new: _Contacts) -> _Contacts:
-    if old is None:
-        return new
-    return _Contacts(*(np.concatenate([getattr(old, f), getattr(new, f)]) for f in ("a", "b", "history")))
+def _some(arrays, which):
+    """Some rows of a tuple of arrays."""
+    return type(arrays)(*(array[which] for array in arrays))
 
 
-def _found(ident: np.ndarray, is_free) -> tuple[np.ndarray, np.ndarray]:
-    """Whether particles are live, and whether they move."""
-    at = np.minimum(np.searchsorted(is_free["ident"], ident), max(len(is_free["ident"]) - 1, 0))
-    found = is_free["ident"][at] == ident if len(is_free["ident"]) else np.zeros(len(ident), bool)
-    return found, found & (is_free["free"][at] if len(at) else found)
+def _joined(parts):
+    """Tuples of arrays, one after the other."""
+    return type(parts[0])(*map(np.concatenate, zip(*parts)))
+
+
+def _add(columns: dict, key: int, new) -> None:
+    """Add rows to those of a column; what a save holds is not changed."""
+    columns[key] = _joined([columns[key], new]) if key in columns else new
+
+
+_KINDS = {"stored": Grains, "touching": Touching, "resting": Resting}
 
 
 def ground_to_arrays(saved: SavedGround) -> dict[str, np.ndarray]:
     """What ``Ground.save`` returned, as arrays by name."""
-    found = {"touched": np.array(sorted(saved.touched), np.int64)}
-    for name in ("stored", "contacts", "resting"):
+    found = {"touched": np.array(sorted(saved.touched), np.int64), "constants": np.array([saved.column, saved.diameter, saved.floor])}
+    for name, kind in _KINDS.items():
         columns = getattr(saved, name)
         found[f"{name}_keys"] = np.array(list(columns), np.int64)
         found[f"{name}_ends"] = np.cumsum([len(values[0]) for values in columns.values()], dtype=np.int64)
-        for k, empty in enumerate(_EMPTY[name]):
-            found[f"{name}_{k}"] = np.concatenate([empty, *(values[k] for values in columns.values())])
+        for field, arrays in zip(kind._fields, zip(*columns.values()) if columns else [()] * len(kind._fields)):
+            found[f"{name}_{field}"] = np.concatenate(arrays) if arrays else np.zeros(0)
     return found
 
 
 def ground_from_arrays(arrays: dict[str, np.ndarray]) -> SavedGround:
     """The inverse of ``ground_to_arrays``, which takes what it reads out of ``arrays``."""
-    found = {"touched": frozenset(arrays.pop("touched").tolist())}
-    for name, empty in _EMPTY.items():
-        keys, ends = arrays.pop(f"{name}_keys"), arrays.pop(f"{name}_ends")
-        parts = [np.split(arrays.pop(f"{name}_{k}"), ends)[:-1] for k in range(len(empty))]
-        make = _Contacts._make if name == "contacts" else tuple
-        found[name] = {int(key): make(values) for key, values in zip(keys, zip(*parts))}
-    return SavedGround(**found)
-
-
-_NUMBERS = np.zeros(0, np.int64)
-_EMPTY = {
-    "stored": (np.zeros((0, PARTICLE)), _NUMBERS),
-    "contacts": (_NUMBERS, _NUMBERS, np.zeros((0, HISTORY))),
-    "resting": (_NUMBERS, np.zeros((0, KEPT))),
-}
+    found: dict[str, object] = {"touched": frozenset(arrays.pop("touched").tolist())}
+    for name, kind in _KINDS.items():
+        keys, ends = arrays.pop(f"{name}_keys").tolist(), arrays.pop(f"{name}_ends")
+        parts = [np.split(arrays.pop(f"{name}_{field}"), ends)[:-1] for field in kind._fields]
+        found[name] = {key: kind(*values) for key, values in zip(keys, zip(*parts))}
+    column, diameter, floor = arrays.pop("constants").tolist()
+    return SavedGround(**found, column=column, diameter=diameter, floor=floor)

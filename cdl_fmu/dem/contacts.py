@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .law import ELASTIC, HERTZ, LINEAR, STIFFNESS
-from .particles import HISTORY, LENGTH, PAIRS, ROLL, SHEAR, SIDE, N, R, X
+from .particles import PAIRS, ROLL, SHEAR, SIDE, N, R, X, history_of_pairs, set_history_of_pairs
 from .simulation import Simulation
 from .tools import NORMAL, ROLLED, SLID
 
@@ -47,7 +47,7 @@ def contacts_of(simulation: Simulation) -> Contacts:
     first, second, away, images = _listed(simulation)
     radii = simulation.bodies[:, R]
     touch = np.flatnonzero((away**2).sum(axis=1) < (radii[first] + radii[second]) ** 2)
-    history = grains.history[side].reshape(-1, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[touch]
+    history = history_of_pairs(grains.history[side], grains.count[PAIRS])[touch]
     pairs = np.stack([ident[first[touch]], ident[second[touch]]], axis=1).astype(np.int32)
     order = np.lexsort(pairs.T[::-1])
     begin, end = tools.first[side, :2]
@@ -73,10 +73,7 @@ def put_contacts(simulation: Simulation, contacts: Contacts) -> None:
     m, n = len(order), grains.count[N]
     grains.partner[0, :m] = contacts.pairs[order, 1]
     grains.first[0, 1:] = np.cumsum(np.bincount(contacts.pairs[:, 0], minlength=n))
-    block, place = np.divmod(np.arange(m), LENGTH)
-    history = grains.history[0].reshape(-1, HISTORY, LENGTH)
-    history[block, SHEAR : SHEAR + 3, place] = contacts.shear[order]
-    history[block, ROLL : ROLL + 3, place] = contacts.roll[order]
+    set_history_of_pairs(grains.history[0], np.hstack([contacts.shear, contacts.roll])[order])
     k = len(contacts.on_floor)
     tools.first[0, 1:] = k
     tools.particle[0, :k] = contacts.on_floor
@@ -100,15 +97,25 @@ def contacts_among(contacts: Contacts, kept: np.ndarray) -> Contacts:
     )
 
 
+def overlaps_of(simulation: Simulation) -> np.ndarray:
+    """Overlaps [m] of the pairs that touch, [m]."""
+    return _touching(simulation)[0]
+
+
 def normal_forces(simulation: Simulation) -> np.ndarray:
     """Elastic normal forces [N] of the pairs that touch, [m]."""
     law = simulation.material.law(simulation.dt)
+    overlap, r_eff = _touching(simulation)
+    stiffness = law[STIFFNESS] * (law[HERTZ] * np.sqrt(r_eff * overlap) + law[LINEAR] * r_eff)  # as in ``law.respond``
+    return law[ELASTIC] * stiffness * overlap
+
+
+def _touching(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Overlap and effective radius of each pair that touches [m]."""
     first, second, away, _ = _listed(simulation)
     a, b = simulation.bodies[first, R], simulation.bodies[second, R]
     overlap = a + b - np.sqrt((away**2).sum(axis=1))
-    overlap, r_eff = overlap[overlap > 0.0], (a * b / (a + b))[overlap > 0.0]
-    stiffness = law[STIFFNESS] * (law[HERTZ] * np.sqrt(r_eff * overlap) + law[LINEAR] * r_eff)  # as in ``law.respond``
-    return law[ELASTIC] * stiffness * overlap
+    return overlap[overlap > 0.0], (a * b / (a + b))[overlap > 0.0]
 
 
 def _listed(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

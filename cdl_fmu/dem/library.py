@@ -8,7 +8,7 @@ from pathlib import Path
 from ..slave.kernel import cache_folder
 from ..slave.model import ModelError
 from .bed import Bed, BedKey
-from .bed_files import key_hash, load_bed, write_bed
+from .bed_files import key_hash, read_bed, write_bed
 from .settle import Progress, settle
 
 
@@ -35,7 +35,7 @@ class Library:
         path = self.path(key)
         if path.exists():
             try:
-                bed = load_bed(path)
+                bed = read_bed(path)
                 if key_hash(bed.key) == path.stem:
                     return bed
                 reason = "it was made from something else"

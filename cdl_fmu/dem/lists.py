@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 
 from ..slave.kernel import kernel
-from .particles import CELLS_X, CELLS_Y, CELLS_Z, FREE, HISTORY, LENGTH, PAIRS, PAIRS_EACH, SIDE, STALE, N
+from .particles import CELLS_X, CELLS_Y, CELLS_Z, CROWDED, FREE, HISTORY, LENGTH, PAIRS, PAIRS_EACH, SIDE, STALE, N
 
 
 @kernel
 def find_pairs(grains, slab):
-    """Find the pairs of each particle of a slab, and count them; of two particles that are held nobody asks. False: no room."""
+    """Find the pairs of each particle of a slab, and count them; of two particles that are held nobody asks.
+
+    Says in ``count[CROWDED]`` if there is no room.
+    """
     count, built, cells, cell, found = grains.count, grains.built, grains.cells, grains.cell[1], grains.found
     side = 1 - count[SIDE]
     body, first = grains.body[side], grains.first[side]
@@ -50,11 +53,11 @@ def find_pairs(grains, slab):
                 near = reach + built[j, 3]
                 if d_x * d_x + d_y * d_y + d_z * d_z < near * near and (free > 0.0 or body[j, FREE] > 0.0):
                     if place == last:
-                        return False
+                        count[CROWDED] = 1  # a sum over threads would need memory
+                        return
                     found[place] = j
                     place += 1
         first[i + 1] = place - before
-    return True
 
 
 @kernel

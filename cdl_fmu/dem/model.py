@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -30,12 +31,16 @@ from ..slave.records import Array, Choice, Real, Record
 from ..soil import SOIL
 from ..wheel import WHEEL, check_wheel, tip_radius
 from .apriori import grains_of
-from .bed import BedKey
+from .bed import Bed, BedKey
+from .bed_files import load_bed
 from .columns import Ground
-from .library import Library, load_bed
+from .library import Library
 from .material import Material
+from .memory import check_memory
 from .pool import Box, GrainPool
-from .scaling import check_box, check_feature
+from .scaling import check_box, check_feature, check_overlap
+from .settle import TOLERANCE
+from .shape import LARGEST_ASPECT, MOST_CORNERS, Shape
 from .sizes import Uniform
 from .step import (
     ARGUMENTS,
@@ -56,6 +61,10 @@ from .tools import WHEEL as WHEEL_KIND
 #: Own choices: sides of the tile in mean diameters; diameters of particles below ``fine_depth`` over those above; diameters of the largest
 #: particle that move on all sides of a body.
 TILE, COARSER, BESIDE = 24.0, 2.0, 10.0
+#: Columns that are live beyond a box, at most: one on each side that is held, and those that it cuts.
+_MARGINS = 4.0
+#: How far values of a bed may be off those of the parameters, as a share.
+_SAME = 1e-3
 
 _MEASURED = {name: SOIL.fields[name] for name in ("phi", "c", "rho")}
 
@@ -68,6 +77,14 @@ GRAIN = Record(
     mu_r=Real(0.1, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
     cohesion=Real(0.0, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
     density=Real(2600.0, "kg/m3", "Density of the grains", min=100.0, max=2e4),
+    rotation=Choice(
+        "Rotation geometry, by which grains roll, beside mu_r (section 8.3.18)",
+        sphere="as spheres",
+        ellipse="ellipses about each axis",
+        polygon="regular polygons about each axis",
+    ),
+    aspect=Real(1.2, "1", "Long over short axis of the ellipses", min=1.001, max=LARGEST_ASPECT),
+    corners=Real(6.0, "1", "Number of corners of the polygons, even", min=4.0, max=float(MOST_CORNERS)),
 )
 #: What is different where particles touch wheels and bodies.
 SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
@@ -118,18 +135,18 @@ class DEM(KernelModel):
     )
     events = WHEEL_EVENTS | {
         FULL: Event(
-            "the particles have more contacts than there is room for: the bed is pressed together beyond all bounds; check dt = {p.dt:g} s, "
-            "grain.E = {p.grain[E]:g} Pa and the speed of wheels and bodies"
+            "the particles have more contacts than there is room for, or fly off: check the speed of wheels and bodies, "
+            "dt = {p.dt:g} s and grain.E = {p.grain[E]:g} Pa"
         ),
         TOO_DEEP: Event(
-            f"wheel {{i}}, its centre at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside "
-            "the bed, or jumped into it; start it at z = {p.ground_z:g} m + r_w + h_g or above, and let it down"
+            f"wheel {{i}}, at z = {{wheel.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the "
+            "bed, or jumped into it; start it above ground_z = {p.ground_z:g} m by r_w + h_g and a particle (d = {p.d:g} m)"
         ),
         BODY_NO_DATA: Event("body {i} has no pose yet (T is no rotation or nothing was ever set): no force", is_error=False),
         BODY_STILL_NO_DATA: Event("body[{i}] still has no pose after 2 steps: connect body[{i}].r_0, T, v_0, w_0"),
         BODY_TOO_DEEP: Event(
-            f"body {{i}}, at z = {{body.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, or "
-            "jumped into it; start it above ground_z = {p.ground_z:g} m, and let it down"
+            f"body {{i}}, at z = {{body.r_0[2]:.4g}} m, overlaps a particle by more than {DEEP:g} of its radius: it begins inside the bed, "
+            "or jumped into it; start it above ground_z = {p.ground_z:g} m, and let it down"
         ),
         NO_MESH: Event("body[{i}].mesh names no file: give the path of a closed mesh (.stl, .obj or .ply, in metres)"),
     }
@@ -144,7 +161,7 @@ class DEM(KernelModel):
         sizes = {"p": n_patches, "b": n_bodies}
         self.identifier = f"cdl_dem_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         self.files = {
-            "bed": "Bed of particles (.npz, as 'cdl dem bed' writes it); none = settled for these parameters, and kept",
+            "bed": "Bed of particles (.npz, as 'cdl dem bed' writes it) and of its grains; none = settled for these parameters, and kept",
             "wheel_mesh": "Closed mesh of the wheels (.stl, .obj or .ply, in metres, y is the axle); none = cylinder with grousers",
             **{f"body[{i + 1}].mesh": "Closed mesh of the body (.stl, .obj or .ply, in metres)" for i in range(n_bodies)},
         }
@@ -162,8 +179,9 @@ class DEM(KernelModel):
 
     def check(self, p) -> None:
         check_wheel(p)
-        check_feature("h_g, the height of the grousers,", p.h_g, p.d) if p.n_g > 0.0 and p.h_g > 0.0 else None
+        check_feature("h_g", p.h_g, p.d) if p.n_g > 0.0 and p.h_g > 0.0 else None
         check_box(p.box_width, p.depth, p.b_w, tip_radius.py_func(p))
+        self._check_memory(p)
         if p.box_length < 2.0 * tip_radius.py_func(p):
             raise ModelError(
                 f"box_length = {p.box_length:g} m: shorter than the wheel of {2.0 * tip_radius.py_func(p):g} m; use 3 radii or more"
@@ -176,9 +194,24 @@ class DEM(KernelModel):
                 f"threads = {p.threads:g}: on this machine at most {MOST_THREADS}; numba's variable NUMBA_NUM_THREADS allows more"
             )
 
+    def _check_memory(self, p) -> None:
+        """Refuse boxes that hold more particles than this machine."""
+        key = self.bed_key(p)
+        over_area = sum((layer.top - layer.bottom) / layer.factor**3 for layer in key.layers) * (1.0 - key.porosity) / key.sizes.mean_volume
+        area = (p.box_length + _MARGINS * key.column) * (p.box_width + _MARGINS * key.column)
+        try:
+            check_memory(math.ceil(self.sizes["n_wheels"] * area * over_area), 1 + sum(self.sizes.values()))
+        except ModelError as error:
+            raise ModelError(f"box_length = {p.box_length:g} m by box_width = {p.box_width:g} m: {error}") from None
+
+    def prepare(self, p, files, progress) -> None:
+        if "bed" not in files:
+            Library().get(self.bed_key(p), progress)
+
     def make_pool(self, p, files) -> GrainPool:
-        material = self._material(p)
         bed = load_bed(files["bed"]) if "bed" in files else Library().get(self.bed_key(p))
+        _check_bed(p, bed)
+        material = bed.key.material
         smallest = float(bed.radii.min())
         largest_step = material.largest_time_step(smallest)
         if p.dt > largest_step:
@@ -229,12 +262,31 @@ class DEM(KernelModel):
         """The grains' material."""
         linear = p.contact_law == DEM.parameters.fields["contact_law"].value("linear")
         if p.grains == DEM.parameters.fields["grains"].value("given"):
-            return Material(**{name: float(p.grain[name]) for name in GRAIN.fields}, linear=linear)
+            numbers = {name: float(p.grain[name]) for name in GRAIN.fields if name not in ("rotation", "aspect", "corners")}
+            rotation = list(GRAIN.fields["rotation"].options)[int(p.grain["rotation"]) - 1]
+            shapes = {"ellipse": Shape(aspect=float(p.grain["aspect"])), "polygon": Shape(corners=int(p.grain["corners"]))}
+            return Material(**numbers, linear=linear, shape=shapes.get(rotation))
         return grains_of(phi=float(p.phi), c=float(p.c), rho=float(p.rho), porosity=float(p.porosity), linear=linear)
 
 
 def _gravity(p) -> tuple[float, float, float]:
     return tuple(-float(p.gravity) * axis for axis in vertical(p.slope, p.uphill))
+
+
+def _check_bed(p, bed: Bed) -> None:
+    """Refuse a bed that is another one than the parameters say, and warn of what is not as it was asked for."""
+    gravity = float(np.linalg.norm(bed.key.gravity))
+    for name, has, unit in (("d", bed.key.diameter, "m"), ("depth", bed.key.depth, "m"), ("gravity", gravity, "m/s2")):
+        if abs(p[name] - has) > _SAME * has:
+            raise ModelError(f"{name} = {p[name]:g} {unit}: the bed has {has:g} {unit}; give it that value, or another bed")
+    if np.linalg.norm(np.subtract(bed.key.gravity, _gravity(p))) > _SAME * gravity:
+        raise ModelError(
+            f"slope = {p.slope:g} rad, uphill = {p.uphill:g} rad: the bed settled under a gravity of {bed.key.gravity} m/s2; give it that "
+            "slope, or another bed"
+        )
+    if abs(bed.porosity - p.porosity) > TOLERANCE:
+        warnings.warn(f"porosity = {p.porosity:g}: the bed has {bed.porosity:.4f}", stacklevel=2)
+    check_overlap(bed.key.material, (1.0 - bed.porosity) * bed.key.material.density * gravity * bed.key.depth)
 
 
 def _surface(name: str, files) -> Surface | None:

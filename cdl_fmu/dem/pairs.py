@@ -15,9 +15,6 @@ from .law import HALF, MASS, ONE, respond
 from .particles import BUFFER, HISTORY, LENGTH, ROLL, SHEAR, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, R, X, Y, Z
 from .shape_pairs import add_shape_torques
 
-#: Rows of a block's memory: what is gathered, and in its place the force and torque on both particles.
-D_X, D_Y, D_Z, U_X, U_Y, U_Z, A_X, A_Y, A_Z, B_X, B_Y, B_Z, R_A, R_B = range(BUFFER)
-
 _L = np.uint64(LENGTH)
 _ROWS = [np.uint64(row * LENGTH) for row in range(BUFFER)]
 _D_X, _D_Y, _D_Z, _U_X, _U_Y, _U_Z, _A_X, _A_Y, _A_Z, _B_X, _B_Y, _B_Z, _R_A, _R_B = _ROWS
@@ -107,7 +104,7 @@ def slab_forces(grains, law, slab):
             o = until
         _contacts(begin, stop, np.uint64(block * HISTORY * LENGTH), law, buf, history)
         if grains.orientation.shape[1] > 0:
-            add_shape_torques(grains, law, i, k, begin, stop, buf[_D_X:], buf[_A_X:], buf[_B_X:])
+            add_shape_torques(grains, law, i, k, begin, stop, buf)
         # Add to the particles.
         pair, o = k, np.uint64(begin)
         while o < to:

@@ -21,13 +21,16 @@ LENGTH = 136
 #: Rows of a block's history: tangential displacement of the pair's first particle against the second, and rolling angle, in world axes.
 SHEAR, ROLL, HISTORY = 0, 3, 6
 
-#: Places in ``count``: particles; which of both sides of the arrays is in use; pairs; slabs; cells along x, y, z; 1 if lists are too old.
-N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, COUNT = range(9)
+#: Places in ``count``: particles; which of both sides of the arrays is in use; pairs; slabs; cells along x, y, z; 1 if lists are too old;
+#: 1 if there is no room for all pairs.
+N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, CROWDED, COUNT = range(10)
 
 #: Room for pairs, for each particle; spheres of two sizes have about 3 that touch.
 PAIRS_EACH = 8
-#: Rows of the memory in which a slab works on a block: see ``pairs``.
-BUFFER = 14
+#: Rows of the memory in which a slab works on a block: what ``pairs`` gathers, and in place of D, A and B the force and torque on both
+#: particles; with shapes, their quaternions, and in place of U what the contact points to.
+D_X, D_Y, D_Z, U_X, U_Y, U_Z, A_X, A_Y, A_Z, B_X, B_Y, B_Z, R_A, R_B, BUFFER = range(15)
+Q_A, Q_B, SHAPED_BUFFER = BUFFER, BUFFER + 4, BUFFER + 8
 
 #: Margins of lists [radii]: of a particle at rest, and the largest one. Own choice, by speed.
 LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
@@ -59,7 +62,7 @@ class Particles(NamedTuple):
         cells: Where the particles of each cell begin, int64.
         order: Index that each particle had before its list was made, int64 [n].
         slabs: Where the particles of each slab begin, int64 [MOST_SLABS + 1].
-        blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH].
+        blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH], or SHAPED_BUFFER.
         orientation: Of each particle with a shape, quaternions from its frame to the world, [2, n, 4]; [2, 0, 4] of spheres.
         figure: Numbers of the shape, [FIGURE].
     """
@@ -108,7 +111,7 @@ def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: 
         cells=np.zeros(4 * n + 1000, np.int64),
         order=np.arange(n),
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
-        blocks=np.zeros((MOST_SLABS, BUFFER * LENGTH), precision),
+        blocks=np.zeros((MOST_SLABS, (SHAPED_BUFFER if shape else BUFFER) * LENGTH), precision),
         orientation=np.zeros((2, n if shape else 0, 4)),
         figure=shape.figure() if shape else np.zeros(FIGURE),
     )
@@ -146,3 +149,14 @@ def particles_of(positions, radii, density, **options) -> Particles:
 def mass_of(radius, density):
     """Mass of a sphere [kg]."""
     return 4.0 / 3.0 * math.pi * density * radius**3
+
+
+def history_of_pairs(history: np.ndarray, n: int) -> np.ndarray:
+    """History of the first n pairs, [n, HISTORY], from the blocks of one side."""
+    return history.reshape(-1, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[:n].copy()
+
+
+def set_history_of_pairs(history: np.ndarray, values: np.ndarray) -> None:
+    """Write the history of the first pairs, [n, HISTORY], into the blocks of one side."""
+    block, place = np.divmod(np.arange(len(values)), LENGTH)
+    history.reshape(-1, HISTORY, LENGTH)[block, :, place] = values

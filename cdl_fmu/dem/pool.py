@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..contact import has_pose, is_set
-from .columns import Live, SavedGround, ground_from_arrays, ground_to_arrays, keys_of
-from .particles import FREE, HISTORY, LENGTH, PAIRS, SIDE, STALE, V_X, V_Z, N, empty_particles
+from ..slave.model import ModelError
+from .columns import SavedGround, ground_from_arrays, ground_to_arrays, keys_of
+from .live import live_of, make_live, touches_of
+from .particles import FREE, PAIRS, SIDE, V_X, V_Z, N, empty_particles, history_of_pairs, set_history_of_pairs
 from .patches import patch_heights
-from .tools import KEPT
-from .touch import MOST
+from .tools import VELOCITY
 
 #: Steps between two looks at whether what lies outside the boxes has come to rest, and how many looks have to find it at rest: a particle
 #: at the top of its flight does not move either. Own choice.
@@ -30,7 +31,10 @@ class Box(NamedTuple):
 
 
 class SavedGrains(NamedTuple):
-    """Content of a :class:`GrainPool`: copies of what is live; stored columns are never changed in place and shared with other saves."""
+    """Content of a :class:`GrainPool`: copies of what is live; stored columns are never changed in place and shared with other saves.
+
+    Among the arrays is the law of the particles, which does not change, for those who look at the forces between them.
+    """
 
     arrays: dict[str, np.ndarray]
     ground: SavedGround
@@ -57,7 +61,7 @@ class GrainPool:
     def __init__(self, ground, new_tools, meshes, law, settings, boxes, patches, rest_speed):
         self.ground, self._new_tools, self._meshes, self._boxes, self._rest_speed = ground, new_tools, meshes, boxes, rest_speed
         (n, *self._nodes), self._spacing = patches
-        self._law, self._settings = law, settings
+        self._law, self._settings, self._shape = law, settings, ground.bed.key.material.shape
         self._patches = np.zeros((n, 3 + math.prod(self._nodes)))
         self._active = np.zeros(0, np.int64)  # columns that move
         self._wanted = self._active  # those in the boxes
@@ -67,9 +71,9 @@ class GrainPool:
 
     def _make_room(self, n: int) -> None:
         tools = self._tools if hasattr(self, "_tools") else None
-        self._grains, self._tools = empty_particles(n, precision=self._law.dtype), self._new_tools(n)
+        self._grains, self._tools = empty_particles(n, precision=self._law.dtype, shape=self._shape), self._new_tools(n)
         if tools is not None:
-            for name in ("kinds", "laws", "poses", "goals", "turns", "sums"):
+            for name in ("present", "laws", "poses", "goals", "turns", "sums"):
                 getattr(self._tools, name)[:] = getattr(tools, name)
         self.arrays = (*self._grains, *self._tools, *self._meshes, self._law, self._settings, self._patches)
 
@@ -79,13 +83,19 @@ class GrainPool:
         count = self._grains.count
         return self._grains.body[count[SIDE], : count[N]]
 
+    @property
+    def highest(self) -> float:
+        """Height that no particle of the undisturbed soil reaches above [m]."""
+        bed = self.ground.bed
+        return self.ground.ground_z + float((bed.positions[:, 2] + bed.radii).max())
+
     # -- the moving boxes
 
     def reserve(self, u) -> None:
         """Make the columns around the tools live, and store those that rest elsewhere; patches follow their wheels."""
+        wanted = self._columns_wanted(u)
         self._calls += 1
         look = self._calls % _LOOK == 0
-        wanted = self._columns_wanted(u)
         if look or not np.array_equal(wanted, self._wanted):
             self._wanted = wanted
             active = np.union1d(wanted, self._restless(wanted, look))
@@ -97,13 +107,18 @@ class GrainPool:
 
     def _columns_wanted(self, u) -> np.ndarray:
         side, found = self.ground.column, []
-        tools = [tool for name in ("wheel", "body") if name in u.dtype.names for tool in u[name]]
-        for tool, box in zip(tools, self._boxes):
+        tools = [(f"{name}[{k + 1}]", tool) for name in ("wheel", "body") if name in u.dtype.names for k, tool in enumerate(u[name])]
+        for (name, tool), box in zip(tools, self._boxes):
             if not has_pose(tool) or ("active" in tool.dtype.names and tool["active"] == 0.0):
                 continue
             axle, r_0 = tool["T"][1, :2], tool["r_0"]
             axle = axle / max(np.hypot(*axle), 1e-9)
             reach = math.hypot(*box) + side
+            if max(abs(r_0[:2])) + reach > self.ground.farthest:
+                raise ModelError(
+                    f"{name} is at ({r_0[0]:g}, {r_0[1]:g}) m, but a bed of these particles goes {self.ground.farthest:.4g} m from the "
+                    "origin; let wheels and bodies begin near it"
+                )
             i, j = (np.arange(math.floor((x - reach) / side), math.ceil((x + reach) / side)) for x in r_0[:2])
             x, y = np.meshgrid((i + 0.5) * side - r_0[0], (j + 0.5) * side - r_0[1], indexing="ij")
             inside = (abs(x * axle[1] - y * axle[0]) <= box.half_length + 0.5 * side) & (
@@ -126,64 +141,12 @@ class GrainPool:
         return np.array(sorted(key for key, looks in calm.items() if looks < _LOOKS), np.int64)
 
     def _exchange(self) -> None:
-        live = self.ground.exchange(self._live(), self._active)
-        touching = self._touching()
-        if len(live.bodies) > self._grains.body.shape[1]:
-            self._make_room(math.ceil(_SPARE * len(live.bodies)))
-        self._place(live, touching)
-
-    def _live(self) -> Live:
-        g, t = self._grains, self._tools
-        n, side = g.count[N], g.count[SIDE]
-        ident, first = g.ident[side, :n], g.first[side, : n + 1]
-        m = g.count[PAIRS]
-        history = _of_pairs(g.history[side], m)
-        used = np.any(history != 0.0, axis=1)
-        a = np.repeat(np.arange(n), np.diff(first))[used] if m else np.zeros(0, np.int64)
-        b = g.partner[side, :m][used]
-        on_floor = slice(t.first[side, 0], t.first[side, 1])
-        return Live(
-            g.body[side, :n].copy(),
-            ident.copy(),
-            ident[a],
-            ident[b],
-            history[used],
-            ident[t.particle[side, on_floor]],
-            t.kept[side, on_floor, 0].copy(),
-        )
-
-    def _touching(self):
-        """Tool, number of the particle and history of each touch of wheels and bodies."""
-        g, t = self._grains, self._tools
-        side = g.count[SIDE]
-        first = t.first[side]
-        these = slice(first[1], first[-1])
-        tool = np.repeat(np.arange(len(t.kinds)), np.diff(first))[these]
-        return tool, g.ident[side][t.particle[side, these]], t.kept[side, these].copy()
-
-    def _place(self, live: Live, touching) -> None:
-        """Fill the arrays; lists are made anew at the next substep."""
-        g, t = self._grains, self._tools
-        n = len(live.bodies)
-        g.body[0, :n], g.ident[0, :n] = live.bodies, live.ident
-        g.force[:] = 0.0
-        order = np.argsort(live.ident)
-        a, b = (order[np.searchsorted(live.ident, numbers, sorter=order)] for numbers in (live.a, live.b))
-        by_first = np.argsort(a, kind="stable")
-        g.first[0, : n + 1] = np.searchsorted(a[by_first], np.arange(n + 1))
-        g.partner[0, : len(b)] = b[by_first]
-        _set_pairs(g.history[0], live.history[by_first])
-        tool, ident, kept = touching
-        resting = np.zeros((len(live.resting), MOST, KEPT))
-        resting[:, 0] = live.kept
-        tool = np.concatenate([np.zeros(len(resting), np.int64), tool])
-        ident, kept = np.concatenate([live.resting, ident]), np.concatenate([resting, kept])
-        here = np.isin(ident, live.ident)
-        tool, ident, kept = tool[here], ident[here], kept[here]
-        t.first[0] = np.searchsorted(tool, np.arange(len(t.kinds) + 1))
-        t.particle[0, : len(ident)] = order[np.searchsorted(live.ident, ident, sorter=order)]
-        t.kept[0, : len(ident)] = kept
-        g.count[N], g.count[SIDE], g.count[PAIRS], g.count[STALE] = n, 0, len(b), 1
+        live, touches = live_of(self._grains, self._tools), touches_of(self._grains, self._tools)
+        live = self.ground.exchange(live, self._active)
+        n = len(live.grains.ident)
+        if n > self._grains.body.shape[1]:
+            self._make_room(math.ceil(_SPARE * n))
+        make_live(self._grains, self._tools, live, touches)
 
     # -- the surface
 
@@ -211,10 +174,11 @@ class GrainPool:
             ident=g.ident[side, :n].copy(),
             built=g.built[:n].copy(),
             first=g.first[side, : n + 1].copy(),
+            orientation=g.orientation[side, :n].copy(),
             partner=g.partner[side, : g.count[PAIRS]].copy(),
-            history=_of_pairs(g.history[side], g.count[PAIRS]),
+            history=history_of_pairs(g.history[side], g.count[PAIRS]),
             slabs=g.slabs.copy(),
-            kinds=t.kinds.copy(),
+            present=t.present.copy(),
             poses=t.poses.copy(),
             margins=t.margins.copy(),
             sums=t.sums.copy(),
@@ -225,6 +189,7 @@ class GrainPool:
             active=self._active,
             wanted=self._wanted,
             calls=np.array(self._calls),
+            law=self._law.copy(),
         )
         return SavedGrains(arrays, self.ground.save(), self._calm.copy())
 
@@ -237,10 +202,12 @@ class GrainPool:
         g, t = self._grains, self._tools
         g.count[:] = s["count"]
         g.body[side, :n], g.ident[side, :n], g.built[:n], g.first[side, : n + 1] = s["body"], s["ident"], s["built"], s["first"]
+        g.orientation[side, : len(s["orientation"])] = s["orientation"]
         g.partner[side, : len(s["partner"])] = s["partner"]
-        _set_pairs(g.history[side], s["history"])
+        set_history_of_pairs(g.history[side], s["history"])
         g.slabs[:], g.force[:] = s["slabs"], 0.0
-        t.kinds[:], t.poses[:], t.margins[:], t.sums[:] = s["kinds"], s["poses"], s["margins"], s["sums"]
+        t.present[:], t.poses[:], t.margins[:], t.sums[:] = s["present"], s["poses"], s["margins"], s["sums"]
+        t.goals[:] = t.poses[:, :VELOCITY]  # where all tools are between steps, those that are away, too
         touches = len(s["particle"])
         t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
         self._patches[:] = s["patches"]
@@ -264,17 +231,3 @@ class GrainPool:
         calm = {int(key): int(looks) for key, looks in parts.pop("calm")}
         ground = ground_from_arrays(parts)
         return SavedGrains(parts, ground, calm)
-
-
-def _of_pairs(history: np.ndarray, m: int) -> np.ndarray:
-    """History pair by pair, [m, HISTORY], from blocks."""
-    blocks = -(-int(m) // LENGTH)
-    return history[: blocks * HISTORY * LENGTH].reshape(blocks, HISTORY, LENGTH).transpose(0, 2, 1).reshape(-1, HISTORY)[:m].copy()
-
-
-def _set_pairs(history: np.ndarray, values: np.ndarray) -> None:
-    """Write history pair by pair into blocks."""
-    blocks = -(-len(values) // LENGTH)
-    padded = np.zeros((blocks * LENGTH, HISTORY))
-    padded[: len(values)] = values
-    history[: blocks * HISTORY * LENGTH] = padded.reshape(blocks, LENGTH, HISTORY).transpose(0, 2, 1).ravel()

@@ -47,13 +47,13 @@ def check_feature(name: str, size: float, diameter: float) -> None:
 def check_box(width: float, depth: float, tool_width: float, tool_radius: float) -> None:
     """Raise ModelError if a box of particles of this width and depth [m] is too small for a tool of this width and radius [m]."""
     for name, have, least, of, size in (
-        ("wide", width, LEAST_WIDTH, "widths", tool_width),
-        ("deep", depth, LEAST_DEPTH, "radii", tool_radius),
+        ("box_width", width, LEAST_WIDTH, "widths", tool_width),
+        ("depth", depth, LEAST_DEPTH, "radii", tool_radius),
     ):
         if have < least * size:
             raise ModelError(
-                f"the box of particles is {have:g} m {name}, for this tool it must be {least * size:g} m ({least:g} {of} of {size:g} m): "
-                "take a larger box, or a smaller tool"
+                f"{name} = {have:g} m: for this tool it must be at least {least * size:g} m ({least:g} {of} of {size:g} m); make the "
+                "box larger, or the tool smaller"
             )
 
 

@@ -14,6 +14,11 @@ over the three axes and c points from the centre to the contact, in the particle
   where their planes meet. Polygons of 4 corners then make a cube, ellipses a prolate grain whose long axis is that of (1, 1, 1).
 - R*: of two spheres that roll on each other only the share R* / R of their relative rotation turns the normal in the particle's frame.
 - The faces of a polygon bulge: the torque changes its sign within an angle, not at once.
+
+Figures hold a grain on its face, but what it climbs it gets back as it falls: they lose no energy, which rolling friction beside them does.
+Without it, sand that flows comes to rest at the slope of spheres (measured: hexagons 16.5 deg, spheres 16, spheres of mu_r = 0.1 22).
+While a normal force changes, a figure may even add energy: at mu = 0.5 beds of 6 corners or more and of ellipses up to 1.2 come to rest by
+themselves, ellipses of 1.5 want mu_r = 0.1 for it, 4 corners mu_r = 0.2; at mu = 1 cubes do not even then.
 """
 
 from __future__ import annotations
@@ -27,14 +32,14 @@ from ..slave.kernel import kernel
 from ..slave.model import ModelError
 
 #: Most corners of a polygon, and of an ellipse the largest aspect ratio: own choices; above them grains are balls or needles.
-MOST_CORNERS, LARGEST_ASPECT = 24, 3.0
-#: Places of a figure's numbers: half its corners, 0 for an ellipse; what h is on the particle's axes; squares of the ellipse's semi-axes
-#: over the radius; how much two corners' supports differ where a face begins to bulge; half the corners over the radius, x and y.
-N_PAIRS, ON_AXIS, LONG, SHORT, BULGE, CORNERS = range(6)
-FIGURE = CORNERS + MOST_CORNERS
+MOST_CORNERS, LARGEST_ASPECT = 16, 3.0
+#: Places of a figure's numbers, lengths over the radius: how far off a polygon's corners are, 0 for an ellipse; what h is on the particle's
+#: axes; squares of the ellipse's semi-axes; how much two corners' supports differ where a face begins to bulge; cosine and sine of the
+#: angles of three mirrors of the polygon from its first corner; the next corner, along the first one and across.
+CORNER, ON_AXIS, LONG, SHORT, BULGE, MIRRORS, NEXT, FIGURE = 0, 1, 2, 3, 4, 5, 11, 13
 
 _BULGE = 0.02  # [rad] own choice: half the angle of a bulging face
-_ALONG = 1e-12  # of the square of a projection: the normal lies along the figure's axis
+_TINY = 1e-30  # of the square of a projection: nothing is divided by 0 where the normal lies along the figure's axis
 _ROOT_HALF = math.sqrt(0.5)
 
 
@@ -64,13 +69,17 @@ class Shape:
     def figure(self) -> np.ndarray:
         """The figure's numbers, [FIGURE]."""
         figure = np.zeros(FIGURE)
-        figure[LONG], figure[SHORT] = self.aspect, 1.0 / self.aspect
+        figure[LONG], figure[SHORT], figure[BULGE] = self.aspect, 1.0 / self.aspect, 1.0
         if self.corners:
             half = math.pi / self.corners
-            angles = 0.25 * math.pi + 2.0 * half * np.arange(self.corners // 2)
-            figure[N_PAIRS], figure[BULGE] = self.corners // 2, 2.0 * math.tan(half) * math.sin(_BULGE)
-            figure[CORNERS : CORNERS + self.corners : 2] = np.cos(angles) / math.cos(half)
-            figure[CORNERS + 1 : CORNERS + self.corners : 2] = np.sin(angles) / math.cos(half)
+            far = 1.0 / math.cos(half)
+            figure[CORNER], figure[NEXT], figure[NEXT + 1] = far, far * math.cos(2.0 * half), far * math.sin(2.0 * half)
+            figure[BULGE] = 2.0 * math.tan(half) * math.sin(_BULGE)
+            # Mirrors lie half a face apart; each halves what the one before leaves of a right angle.
+            wedges = self.corners // 2
+            for k in range(MIRRORS, NEXT, 2):
+                wedges = (wedges + 1) // 2
+                figure[k], figure[k + 1] = math.cos(wedges * half), math.sin(wedges * half)
         figure[ON_AXIS] = support(figure, 1.0, 0.0)[0]
         return figure
 
@@ -90,34 +99,38 @@ def orientations(ident: np.ndarray, seed: int = 0) -> np.ndarray:
     return np.stack([b * np.cos(t), a * np.sin(s), a * np.cos(s), b * np.sin(t)], axis=1)
 
 
-@kernel
+@kernel(inline=True)
 def support(figure, x, y):
     """Support function h of a figure in the unit direction x, y, and its derivative by the angle, both over the radius.
 
     h is how far the figure reaches; its derivative is the lever arm of the support point, counter-clockwise from the direction.
     """
-    if figure[N_PAIRS] == 0.0:
-        u, v = _ROOT_HALF * (x + y), _ROOT_HALF * (y - x)
-        h = math.sqrt(figure[LONG] * u * u + figure[SHORT] * v * v)
-        return h, (figure[SHORT] - figure[LONG]) * u * v / h
-    # Of each pair of opposite corners one is ahead; the two that are furthest ahead bound the face.
-    first = second = 0.0
-    a_x = a_y = b_x = b_y = 0.0
-    for k in range(int(figure[N_PAIRS])):
-        c_x, c_y = figure[CORNERS + 2 * k], figure[CORNERS + 2 * k + 1]
-        ahead = c_x * x + c_y * y
-        if ahead < 0.0:
-            ahead, c_x, c_y = -ahead, -c_x, -c_y
-        if ahead > first:
-            second, b_x, b_y = first, a_x, a_y
-            first, a_x, a_y = ahead, c_x, c_y
-        elif ahead > second:
-            second, b_x, b_y = ahead, c_x, c_y
-    share = min((first - second) / figure[BULGE], 1.0)
-    h = first + 0.25 * figure[BULGE] * (1.0 - share) * (1.0 - share)
-    p_x = 0.5 * (a_x + b_x + share * (a_x - b_x))
-    p_y = 0.5 * (a_y + b_y + share * (a_y - b_y))
-    return h, x * p_y - y * p_x
+    u, v = _ROOT_HALF * (x + y), _ROOT_HALF * (y - x)
+    # An ellipse.
+    root = math.sqrt(figure[LONG] * u * u + figure[SHORT] * v * v + _TINY)
+    lever = (figure[SHORT] - figure[LONG]) * u * v / root
+    # A polygon: mirrored until u, v lies between the corner on u and the middle of the next face.
+    sign = 1.0 if u > 0.0 else -1.0
+    sign = sign if v > 0.0 else -sign
+    u, v = abs(u), abs(v)
+    u, v, sign = _mirror(figure[MIRRORS], figure[MIRRORS + 1], u, v, sign)
+    u, v, sign = _mirror(figure[MIRRORS + 2], figure[MIRRORS + 3], u, v, sign)
+    u, v, sign = _mirror(figure[MIRRORS + 4], figure[MIRRORS + 5], u, v, sign)
+    a, b_u, b_v = figure[CORNER], figure[NEXT], figure[NEXT + 1]
+    rest = 1.0 - (a * u - b_u * u - b_v * v) / figure[BULGE]
+    rest = rest if rest > 0.0 else 0.0
+    ahead = a * u + 0.25 * figure[BULGE] * rest * rest
+    arm = sign * (0.5 * rest * (u * b_v - v * b_u) - (1.0 - 0.5 * rest) * v * a)
+    return (ahead, arm) if a > 0.0 else (root, lever)
+
+
+@kernel(inline=True)
+def _mirror(cosine, sine, u, v, sign):
+    """Mirror u, v where it lies beyond the line at this angle; each time the sign changes."""
+    beyond = cosine * v - sine * u
+    sign = -sign if beyond > 0.0 else sign
+    beyond = beyond if beyond > 0.0 else 0.0
+    return u + 2.0 * beyond * sine, v - 2.0 * beyond * cosine, sign
 
 
 @kernel
@@ -126,16 +139,17 @@ def energy(figure, x, y, z):
     return figure[ON_AXIS] + _part(figure, x, y)[0] + _part(figure, y, z)[0] + _part(figure, z, x)[0]
 
 
-@kernel
-def shape_torque(figure, q, n_x, n_y, n_z):
-    """Torque on a particle over F R*.
+@kernel(inline=True)
+def shape_torque(figure, q, n):
+    """Torque on a particle over F R*, in the world.
 
     Args:
-        figure: The figure's numbers, [FIGURE].
-        q: Quaternion from the particle's frame to the world, [4].
-        n_x, n_y, n_z: Unit normal towards the particle, in the world.
+        figure: The figure's numbers (FIGURE).
+        q: Quaternion from the particle's frame to the world (4).
+        n: Unit normal towards the particle, in the world (3).
     """
-    w, i, j, k = q[0], q[1], q[2], q[3]
+    w, i, j, k = q
+    n_x, n_y, n_z = n
     xx, xy, xz = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)
     yx, yy, yz = 2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)
     zx, zy, zz = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
@@ -151,13 +165,11 @@ def shape_torque(figure, q, n_x, n_y, n_z):
     return xx * t_x + xy * t_y + xz * t_z, yx * t_x + yy * t_y + yz * t_z, zx * t_x + zy * t_y + zz * t_z
 
 
-@kernel
+@kernel(inline=True)
 def _part(figure, x, y):
     """What the figure across one axis adds to H, and its derivatives by x and y."""
     square = x * x + y * y
-    if square < _ALONG:
-        return 0.0, 0.0, 0.0
-    scale = 1.0 / math.sqrt(square)
+    scale = 1.0 / math.sqrt(square + _TINY)
     h, lever = support(figure, x * scale, y * scale)
     h = h - figure[ON_AXIS]
     return square * h, 2.0 * h * x - lever * y, 2.0 * h * y + lever * x

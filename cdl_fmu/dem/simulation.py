@@ -103,6 +103,12 @@ class Simulation:
         count = self.particles.count
         return self.particles.ident[count[SIDE], : count[N]]
 
+    @property
+    def orientations(self) -> np.ndarray:
+        """Quaternions of particles with a shape, in the present order, [n, 4]; none of spheres."""
+        count = self.particles.count
+        return self.particles.orientation[count[SIDE], : count[N]]
+
     def step(self, h: float) -> None:
         """Advance by h [s]; the tools move to ``r_0``, ``T`` meanwhile."""
         n = max(math.ceil(h / self.dt - 1e-9), 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..slave.model import ModelError
 
-_WIDEST = 10.0  # own choice: largest over smallest diameter; cells of neighbours are as large as the largest particle
+_WIDEST = 5.0  # own choice: largest over smallest diameter; cells of neighbours are as large as the largest particle
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ..slave.model import STATUS_SPAN
 from ..terramechanics import slip_ratio
 from .advance import advance, advance_in_parallel
 from .law import STEP
-from .particles import SIDE, Particles, X, Y, Z
+from .particles import SIDE, STALE, Particles, X, Y, Z
 from .tools import DAMPER, DEEPEST, FORCE, MIDDLE, NORMAL, POSITION, ROTATION, TENSOR, TORQUE, VELOCITY, Tools
 
 #: Status numbers beside those of wheels.
@@ -42,7 +42,7 @@ def initialise(t, P, wheels, bodies, wrenches, contacts, diagnostics, patches, a
 
 
 @kernel
-def _send(tools, t, tool, is_there):
+def _send(count, tools, t, tool, is_there):
     """Tell tool t where to go; one that has just come is there at once."""
     goal, pose = tools.goals[t], tools.poses[t]
     if is_there:
@@ -53,7 +53,7 @@ def _send(tools, t, tool, is_there):
         if tools.present[t] == 0:
             for k in range(VELOCITY):
                 pose[k] = goal[k]
-            tools.margins[t, 1] = math.inf  # its list is to be made
+            count[STALE] = 1  # what it touches is to be listed
     tools.present[t] = 1 if is_there else 0
 
 
@@ -169,7 +169,7 @@ def step_with(advance):
             if status:
                 return status + STATUS_SPAN * i
         n = max(math.ceil(h / dt - 1e-9), 1)
-        moving = Tools(*tools)
+        moving, count = Tools(*tools), Particles(*grains).count
         law[STEP] = h / n
         for k in range(len(moving.kinds)):
             moving.laws[k, STEP] = h / n
@@ -179,9 +179,9 @@ def step_with(advance):
             if not has_pose(bodies[i]) and body_memory[i].silent >= PATIENCE:
                 return BODY_STILL_NO_DATA + STATUS_SPAN * i
         for i in range(len(wheels)):
-            _send(moving, 1 + i, wheels[i], wheels[i].active > 0.0 and has_pose(wheels[i]))
+            _send(count, moving, 1 + i, wheels[i], wheels[i].active > 0.0 and has_pose(wheels[i]))
         for i in range(len(bodies)):
-            _send(moving, 1 + len(wheels) + i, bodies[i], has_pose(bodies[i]))
+            _send(count, moving, 1 + len(wheels) + i, bodies[i], has_pose(bodies[i]))
         if not advance(grains, tools, meshes, law, gravity, h / n, n):
             return FULL
         status = 0

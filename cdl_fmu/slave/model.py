@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -65,6 +67,13 @@ class Model:
 
     def check(self, p: np.recarray) -> None:
         """Raise ModelError for parameters that are within their bounds but do not fit together: ``name = value unit: why; remedy``."""
+
+    def prepare(self, p: np.recarray, files: dict[str, Path], progress: Callable[[str, float], None]) -> None:
+        """Make what takes minutes, once for these parameters: kept on this machine, ``make_pool`` finds it there. Arguments as there.
+
+        Args:
+            progress: Called now and then with what is being done, and the share done of it.
+        """
 
     def make_pool(self, p: np.recarray, files: dict[str, Path]) -> Pool | None:
         """A new pool, None for a model that has its records alone.
@@ -230,8 +239,7 @@ class Instance:
 
     def initialise(self, t: float = 0.0) -> None:
         """Check the parameters and set state and outputs at time t [s], the outputs for the inputs as they are now."""
-        self._check("p", "parameter")
-        self.model.check(self.p)
+        self.check()
         self._make_pool()
         self._functions[0](t)
         if self.model.feedthrough:
@@ -247,10 +255,36 @@ class Instance:
             if pooled is not None:
                 self.pool.restore(pooled)
 
+    def check(self) -> None:
+        """Raise ModelError for parameters that are out of bounds or do not fit together; what is warned of is in ``warnings``."""
+        self._check("p", "parameter")
+        with self._listening():
+            self.model.check(self.p)
+
+    def prepare(self, progress: Callable[[str, float], None]) -> None:
+        """What ``Model.prepare`` does, for the parameters and files as they are now; what is warned of is in ``warnings``."""
+        with self._listening():
+            self.model.prepare(self.p, {name: self._found(name) for name, path in self.files.items() if path}, progress)
+
+    @contextmanager
+    def _listening(self) -> Iterator[None]:
+        """Warnings that a model gives as Python does: from within a FMU they reach nobody but through its log."""
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always", UserWarning)
+            yield
+        for warning in heard:
+            text = f"{self.name}: {warning.message}"
+            if not issubclass(warning.category, UserWarning):
+                warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+            elif text not in self.warnings:  # a model is initialised several times before its first step
+                self.warnings.append(text)
+
     def _make_pool(self) -> None:
         """Make the pool anew for the parameters and files as they are now, and the functions for it."""
         files = {name: self._found(name) for name, path in self.files.items() if path}
-        self.pool, self._made_for = self.model.make_pool(self.p, files), self._parameters()
+        with self._listening():
+            self.pool = self.model.make_pool(self.p, files)
+        self._made_for = self._parameters()
         if self.pool is not None or self._functions is None:
             self._functions = self.model.bind(self)
 
