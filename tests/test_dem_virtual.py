@@ -21,7 +21,7 @@ from cdl_fmu.soil.measurements import read_plates, read_shear
 
 SIZES = Uniform(4.5e-3, 5.5e-3)
 MIDDLE = Material(E=1e7, mu=0.5, mu_r=0.1)
-QUICK = dict(strain=0.2, rows=40, inertial_number=5e-3)
+QUICK = dict(strain=0.16, rows=32, inertial_number=5e-3)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_strength_without_cohesion_is_in_proportion_to_the_load_which_is_kept(sh
     assert low.residual == pytest.approx(high.residual, rel=0.15)  # of few grains
     for run in sheared.runs:
         assert run.sigma.mean() == pytest.approx(run.p, rel=0.05)
-        assert run.j[-1] == pytest.approx(0.2 * 0.05, rel=0.2)
+        assert run.j[-1] == pytest.approx(0.16 * 0.05, rel=0.2)
     assert sheared.strength.c < 0.1 * 5e3
 
 
@@ -64,7 +64,7 @@ def test_the_whole_sample_is_sheared_between_plates_that_grip(sheared):
 def test_a_pull_of_contacts_is_cohesion(bed):
     """By Rumpf 1970 with as many contacts as the bed has."""
     sticky = with_grains(bed, cohesion=2e3)
-    tau = [run.tau[20:].mean() for run in shear(sticky, [5e3, 2e4], **QUICK).runs]
+    tau = [run.tau[16:].mean() for run in shear(sticky, [5e3, 2e4], **QUICK).runs]
     slope = (tau[1] - tau[0]) / 1.5e4
     sigma_t = (1.0 - bed.porosity) * bed.coordination / math.pi * 2e3
     assert tau[0] - 5e3 * slope == pytest.approx(sigma_t * slope, rel=0.5)
@@ -77,8 +77,8 @@ def test_progress_reaches_the_end_once(bed):
 
 
 def test_the_slope_that_a_wall_leaves_is_steeper_for_rougher_grains():
-    bed = settle(BedKey(MIDDLE, SIZES, 0.42, 0.04, (0.066, 0.022)))
-    rough, smooth = (repose(with_grains(bed, mu=mu, mu_r=mu_r), wall_speed=0.3) for mu, mu_r in ((0.5, 0.3), (0.2, 0.0)))
+    bed = settle(BedKey(MIDDLE, SIZES, 0.43, 0.035, (0.066, 0.022)))
+    rough, smooth = (repose(with_grains(bed, mu=mu, mu_r=mu_r), wall_speed=0.4) for mu, mu_r in ((0.5, 0.3), (0.2, 0.0)))
     assert math.radians(10.0) < smooth.angle < math.radians(22.0)
     assert max(math.radians(20.0), smooth.angle) < rough.angle < math.radians(38.0)
     # What ran out is what is missing above.
@@ -94,12 +94,12 @@ def test_a_block_too_short_for_a_slope_is_refused(bed):
 
 @pytest.fixture(scope="module")
 def pressed(bed):
-    return plates(bed, [0.025, 0.03, 0.035], sinkage=0.012, speed=0.1, rows=24)
+    return plates(bed, [0.025, 0.035], sinkage=0.012, speed=0.15, rows=24)
 
 
 def test_pressure_of_a_plate_grows_with_its_sinkage(pressed):
     for run in pressed.runs:
-        assert run.z[0] <= 0.0 < run.p[run.z > 0.0].min()
+        assert run.z[0] < 1e-3 and 0.0 < run.p[run.z > 0.0].min()
         assert run.z[-1] > 0.01
         assert 0.0 < run.pressure(0.003) < run.pressure(0.01) < 1e5
 
@@ -108,7 +108,7 @@ def test_files_are_read_by_identify(pressed, sheared, tmp_path):
     pressed.write(tmp_path / "plates.csv")
     sheared.write(tmp_path / "shear.csv")
     tests, _ = read_plates(tmp_path / "plates.csv")
-    assert [test.b for test in tests] == pytest.approx([0.0125, 0.015, 0.0175])
+    assert [test.b for test in tests] == pytest.approx([0.0125, 0.0175])
     assert tests[1].p == pytest.approx(pressed.runs[1].test.p, rel=1e-5)
     tests, _ = read_shear(tmp_path / "shear.csv")
     assert [test.p for test in tests] == pytest.approx([5e3, 2e4], rel=0.05)
