@@ -291,8 +291,8 @@ class Experiment:
             is_fixed = rocks[-1].values["fixed"] == ROCK.fields["fixed"].value("on")
             if "SCM" not in self.tiers.values() and not is_fixed:
                 raise ExperimentError(
-                    f"{self._written.place(name, 'fixed')}: {name}.fixed = false: no wheel is on SCM, so no soil bears the rock; "
-                    "set fixed = true, or put a wheel on SCM"
+                    f"{self._written.place(name, 'fixed')}: {name}.fixed = false: no wheel is on SCM, "
+                    "so there is no soil to bear the rock; set fixed = true, or put a wheel on SCM"
                 )
         return rocks, tier
 
