@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,9 +70,9 @@ def repose(bed: Bed, *, wall_speed: float = WALL_SPEED, threads: int = 1, progre
     held = block.positions[:, 2] < bed.floor + _HELD * d
     kept = held | (block.positions[:, 0] < length)
     positions = block.positions[kept] - [0.0, 0.0, bed.floor]
-    floor = Tool(material)
-    left = Tool(material, r_0=np.array([-0.5 * d, 0.0, 0.0]), T=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
-    right = Tool(material, r_0=np.array([length + 0.5 * d, 0.0, 0.0]), T=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]))
+    floor, smooth = Tool(material), replace(material, cohesion=0.0)  # no grain sticks to a wall that draws back
+    left = Tool(smooth, r_0=np.array([-0.5 * d, 0.0, 0.0]), T=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
+    right = Tool(smooth, r_0=np.array([length + 0.5 * d, 0.0, 0.0]), T=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]))
     simulation = Simulation(
         positions, block.radii[kept], material, [floor, left, right], gravity=(0.0, 0.0, -g), periods=(0.0, bed.periods[1]), threads=threads
     )
@@ -86,7 +86,8 @@ def repose(bed: Bed, *, wall_speed: float = WALL_SPEED, threads: int = 1, progre
         simulation.step(h)
         free = simulation.bodies[:, FREE] > 0.0
         mass = simulation.bodies[free, M].sum()
-        if travel > depth and right.contacts == 0.0 and simulation.kinetic_energy < _AT_REST * mass * g * d:
+        free_of_wall = travel >= _RUN_OUT * depth or (travel > depth and right.contacts == 0.0)
+        if free_of_wall and simulation.kinetic_energy < _AT_REST * mass * g * d:
             break
         progress(min(travel / (_RUN_OUT * depth), 1.0))
         if simulation.time > _RUN_OUT * depth / speed + longest:

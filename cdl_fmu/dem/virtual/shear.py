@@ -86,6 +86,11 @@ class VirtualShear:
         return fit_shear([run.test for run in self.runs])[0]
 
     @property
+    def strength_without_cohesion(self) -> Shear:
+        """The same of a soil that is known to have none."""
+        return fit_shear([run.test for run in self.runs], c=0.0)[0]
+
+    @property
     def residual_phi(self) -> float:
         """Angle [rad] of the residual stresses over the pressures, through the origin: mean over the tests, each counting the same."""
         return math.atan(sum(run.residual for run in self.runs) / len(self.runs))
