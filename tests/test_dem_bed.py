@@ -16,6 +16,7 @@ from cdl_fmu.dem.memory import check_memory, estimate_memory
 from cdl_fmu.dem.particles import PARTICLE
 from cdl_fmu.dem.scaling import check_box, check_feature, check_overlap, overlap_under
 from cdl_fmu.dem.settle import MOST_ENERGY, MOST_UNBALANCE, TOLERANCE, rest_of, settle
+from cdl_fmu.dem.shape import Shape
 from cdl_fmu.dem.sizes import Shares, Uniform
 from cdl_fmu.dem.surface import NOTHING, fill_heights, mean_height
 from cdl_fmu.slave.model import ModelError
@@ -316,6 +317,7 @@ def test_memory_is_that_of_the_arrays_and_too_much_is_refused_before(bed, monkey
     assert estimate_memory(n) == pytest.approx(sum(array.nbytes for array in (*simulation.particles, *simulation._tools)), rel=0.01)
     assert estimate_memory(91_000, n_tools=2) < 500e6
     assert estimate_memory(n, precision=np.float32) < estimate_memory(n)
+    assert estimate_memory(n, shape=Shape(corners=6)) >= estimate_memory(n) + 2 * 4 * 8 * n  # a quaternion on both sides
     monkeypatch.setattr(memory, "available_memory", lambda: int(1e9))
     check_memory(100_000)
     with pytest.raises(ModelError, match=r"10000000 particles need 2\d.\d GB of memory, 1 GB are available: take coarser grains"):

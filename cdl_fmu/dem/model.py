@@ -200,7 +200,8 @@ class DEM(KernelModel):
         over_area = sum((layer.top - layer.bottom) / layer.factor**3 for layer in key.layers) * (1.0 - key.porosity) / key.sizes.mean_volume
         area = (p.box_length + _MARGINS * key.column) * (p.box_width + _MARGINS * key.column)
         try:
-            check_memory(math.ceil(self.sizes["n_wheels"] * area * over_area), 1 + sum(self.sizes.values()))
+            n = math.ceil(self.sizes["n_wheels"] * area * over_area)
+            check_memory(n, 1 + sum(self.sizes.values()), shape=key.material.shape)
         except ModelError as error:
             raise ModelError(f"box_length = {p.box_length:g} m by box_width = {p.box_width:g} m: {error}") from None
 

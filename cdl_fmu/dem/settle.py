@@ -96,7 +96,7 @@ class _Settling:
         for layer in layers:
             thick = layer.top - layer.bottom + (_OVERFILL * key.scale * key.sizes.d_max if layer is layers[-1] else 0.0)
             numbers.append(math.ceil((1.0 - key.porosity) * area * thick / (layer.factor**3 * key.sizes.mean_volume)))
-        check_memory(sum(numbers))
+        check_memory(sum(numbers), shape=key.material.shape)
         positions, radii, z = [], [], 0.0
         for layer, n in zip(layers, numbers):
             pitch = layer.factor * (key.sizes.mean_volume / _LAID) ** (1.0 / 3.0)
