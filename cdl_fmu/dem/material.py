@@ -44,7 +44,8 @@ class Material:
 
     def law(self, dt: float) -> np.ndarray:
         """The law's numbers for substeps of dt [s]."""
-        return law_of(self.E, self.nu, self.e, self.mu, self.mu_r, self.cohesion, self.density, dt, self.linear)
+        returned = self.shape.returned if self.shape else 1.0
+        return law_of(self.E, self.nu, self.e, self.mu, self.mu_r, self.cohesion, self.density, dt, self.linear, returned)
 
     def largest_time_step(self, radius: float) -> float:
         """Longest stable substep [s] for the smallest radius [m]."""

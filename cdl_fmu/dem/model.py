@@ -85,6 +85,7 @@ GRAIN = Record(
     ),
     aspect=Real(1.2, "1", "Long over short axis of the ellipses", min=1.001, max=LARGEST_ASPECT),
     corners=Real(6.0, "1", "Number of corners of the polygons, even", min=4.0, max=float(MOST_CORNERS)),
+    returned=Real(0.25, "1", "Share of what a grain climbs on these that it gets back", min=0.0, max=1.0),
 )
 #: What is different where particles touch wheels and bodies.
 SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
@@ -263,9 +264,12 @@ class DEM(KernelModel):
         """The grains' material."""
         linear = p.contact_law == DEM.parameters.fields["contact_law"].value("linear")
         if p.grains == DEM.parameters.fields["grains"].value("given"):
-            numbers = {name: float(p.grain[name]) for name in GRAIN.fields if name not in ("rotation", "aspect", "corners")}
-            rotation = list(GRAIN.fields["rotation"].options)[int(p.grain["rotation"]) - 1]
-            shapes = {"ellipse": Shape(aspect=float(p.grain["aspect"])), "polygon": Shape(corners=int(p.grain["corners"]))}
+            numbers = {name: float(p.grain[name]) for name in GRAIN.fields if name not in ("rotation", "aspect", "corners", "returned")}
+            rotation, returned = list(GRAIN.fields["rotation"].options)[int(p.grain["rotation"]) - 1], float(p.grain["returned"])
+            shapes = {
+                "ellipse": Shape(aspect=float(p.grain["aspect"]), returned=returned),
+                "polygon": Shape(corners=int(p.grain["corners"]), returned=returned),
+            }
             return Material(**numbers, linear=linear, shape=shapes.get(rotation))
         return grains_of(phi=float(p.phi), c=float(p.c), rho=float(p.rho), porosity=float(p.porosity), linear=linear)
 

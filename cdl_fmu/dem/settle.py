@@ -72,7 +72,9 @@ class _Settling:
 
     def bed(self) -> Bed:
         key = self.key
-        calm = replace(key.material, e=min(key.material.e, _RESTITUTION))
+        # Grains with a shape tremble where their figures lose energy: they settle on figures that do not.
+        shape = key.material.shape and replace(key.material.shape, returned=1.0)
+        calm = replace(key.material, e=min(key.material.e, _RESTITUTION), shape=shape)
         simulation = self._simulation(*self._laid(), no_contacts(), np.zeros((0, 4)), calm, (0.0, 0.0, -self.gravity))
         self._part(simulation, calm)
         self._fall(simulation)

@@ -15,16 +15,15 @@ over the three axes and c points from the centre to the contact, in the particle
 - R*: of two spheres that roll on each other only the share R* / R of their relative rotation turns the normal in the particle's frame.
 - The faces of a polygon bulge: the torque changes its sign within an angle, not at once.
 
-A figure resists rolling: of what a grain climbs, the share e^2 comes back as it falls, as of an impact (own choice; ``acting``).
-Without rolling friction, e = mu = 0.5, an infinite slope of 18 layers of grains begins to flow and comes to rest again at (measured,
-means of two beds, of squares and ellipses one):
+A figure resists rolling: of what a grain climbs only a share comes back as it falls, ``returned``, by default as of an impact with e = 0.5
+(own choice; ``acting``). Without rolling friction, at e = mu = 0.5, an infinite slope of 18 layers of grains begins to flow, and comes to
+rest again, at (measured; of spheres and hexagons means of two beds)
 
-    spheres 26.5 and 17 deg, ellipses of 1.5 28 and 16, hexagons 32 and 22, squares 32 and 18.5
+    spheres 26.5 and 17 deg, ellipses of 1.5 28 and 16, hexagons 32 and 22, cubes 32 and 18.5
 
 Beds without rolling friction come to rest but for a tremor: a kinetic energy of 1e-5 to 1e-3 m g r a grain, of cubes at mu = 1 up to 4e-3.
-It
-does not go away with a larger loss. Own explanation, not proven: the normal force drives a figure, but the figure does not drive the
-normal force. ``settle`` asks for 1e-6 m g d, so beds of hexagons and cubes do not settle there, not even with mu_r = 0.1.
+It does not go away with a larger loss. Own explanation, not proven: the normal force drives a figure, but the figure does not drive the
+normal force. So ``settle`` lays beds of grains that get all back.
 """
 
 from __future__ import annotations
@@ -57,15 +56,19 @@ class Shape:
     Attributes:
         corners: Number of corners of a regular polygon around the sphere, even; 0: an ellipse.
         aspect: Long over short axis of an ellipse of the sphere's cross section.
+        returned: Share of what a grain climbs on its figure that it gets back; 0.25 as an impact of e = 0.5 (own choice).
 
     Raises:
-        ModelError: It is neither, or both.
+        ModelError: It is neither, or both; or the share is not within 0 and 1.
     """
 
     corners: int = 0
     aspect: float = 1.0
+    returned: float = 0.25
 
     def __post_init__(self):
+        if not 0.0 <= self.returned <= 1.0:
+            raise ModelError(f"shape.returned = {self.returned:g}: it is a share, between 0 and 1")
         if self.corners and self.aspect != 1.0:
             raise ModelError(f"shape.corners = {self.corners} and shape.aspect = {self.aspect:g}: give one of both")
         if self.corners and not (4 <= self.corners <= MOST_CORNERS and self.corners % 2 == 0):
