@@ -70,7 +70,8 @@ class _RoverRig(Rig):
         centres = np.array(mover.y["wheel"]["r_0"])
         (front, rear), apart = ground, float(np.linalg.norm((centres[0] - centres[1])[:2]))
         mover.set_starts({"start.z": float(np.mean(ground)) + tip_radius(contacts), "start.pitch": math.atan2(rear - front, apart)})
-        mover.set_starts(settle(mover, *_hard_in_place_of_particles(contacts, wires)))
+        starts = settle(mover, *_hard_in_place_of_particles(contacts, wires))
+        mover.set_starts({**starts, "start.z": starts["start.z"] + _depth_in_particles(mover, contacts)})
 
 
 #: Travel [m] of a testbed's carriage at least, and in radii of its wheel: sinkage and forces are stationary well before.
@@ -78,7 +79,7 @@ LEAST_TRAVEL, TRAVEL_IN_RADII = 0.5, 8.0
 #: Travel of rim or hub in one step [m], and the longest step [s]: soil in cells of 5 mm then answers as in shorter steps.
 STEP_TRAVEL, LONGEST_STEP = 1e-4, 0.01
 _HIGH = 1e4  # [m] above all meshes
-_HARD = 1e9  # [N/m3] of ground on which a wheel stands on its grousers' tips
+_HARD = 1e8  # [N/m3] of ground on which a wheel stands on its grousers' tips; on harder one a rover with a wheel on VEM finds no rest
 _STOPS_PER_SECOND = 10.0  # tenths of a second are multiples of the usual steps
 
 
@@ -196,6 +197,17 @@ def _hard_in_place_of_particles(contacts: Contacts, wires: Wires) -> tuple[Conta
         return contacts, wires
     instances = {**wires.instances, **{name: instance for name, (instance, _) in hard.items()}}
     return {**contacts, **hard}, Wires(instances, wires.connections)
+
+
+def _depth_in_particles(mover: Instance, contacts: Contacts) -> float:
+    """How deep [m] wheels on DEM reach below the highest particle: hard ground gave way."""
+    centres = np.array(mover.y["wheel"]["r_0"])
+    depths = [
+        contact.pool.highest + tip_radius(contacts) - centres[wheels, 2].min()
+        for contact, wheels in contacts.values()
+        if isinstance(contact.model, DEM)
+    ]
+    return max([0.0, *depths])
 
 
 def ground_under(contacts: Contacts, points: np.ndarray) -> np.ndarray:
