@@ -125,7 +125,7 @@ def test_a_patch_shows_the_rut_as_the_particles_have_it(train):
         bcm.u["patch"][0][name] = patch[name]
     bcm.initialise()
     bcm.step(0.0, H)
-    assert bcm.y["wheel"]["f_0"][0, 2] > 1.0
+    assert bcm.y["wheel"]["f_0"][0, 2] > 0.2
 
 
 def test_drivers_find_their_rut_again(train):
