@@ -54,15 +54,15 @@ def grains_of(phi: float, c: float, rho: float, porosity: float, linear: bool = 
     low, high = POROSITIES
     if not low <= porosity <= high:
         raise ModelError(
-            f"porosity = {porosity:g}: beds of grains are known between {low:g} and {high:g}; take the nearest, which keeps rho: the "
-            "density of the grains follows"
+            f"porosity = {porosity:g}: beds of grains are known between {low:g} and {high:g}; take one within (loosest_porosity(phi) for "
+            "loose soil), which keeps rho: the density of the grains follows"
         )
     if not 0.0 <= c < math.inf:
         raise ModelError(f"c = {c:g} Pa: cohesion must be at least 0 Pa and finite")
     if not 0.0 < rho < math.inf:
         raise ModelError(f"rho = {rho:g} kg/m3: the soil's bulk density must be above 0 kg/m3 and finite")
     least, largest = reachable_phi(porosity)
-    if not least <= phi <= largest:
+    if not least - 1e-9 <= phi <= largest + 1e-9:  # rounding
         remedy = "a denser bed, as far as the soil is" if phi > largest else "a denser bed, which weaker grains settle to"
         raise ModelError(
             f"phi = {phi:g} rad ({math.degrees(phi):.3g} deg): beds of porosity {porosity:g} have {least:.3g} to {largest:.3g} rad "
@@ -83,6 +83,30 @@ def grains_of(phi: float, c: float, rho: float, porosity: float, linear: bool = 
         density=rho / (1.0 - porosity),
         linear=linear,
     )
+
+
+def loosest_porosity(phi: float) -> float:
+    """The loosest porosity that a bed of peak strength phi [rad] can have, for soils whose own porosity spheres cannot have.
+
+    The bed then dilates least: its peak strength is nearest to its residual strength and to its angle of repose.
+
+    Raises:
+        ModelError: No bed has this strength.
+    """
+    _, _, strength, loosest = _LINE.T
+    tangent = math.tan(phi)
+    as_loose = strength + _B * np.maximum(strength - _T_0, 0.0) * (_MIDDLE - loosest)
+    settles = np.interp(tangent, as_loose[:4], loosest[:4])  # weaker grains settle densely
+    rough = _MIDDLE - (tangent - strength[-1]) / (_B * (strength[-1] - _T_0))  # the roughest grains are no stronger
+    porosity = float(min(settles, rough, POROSITIES[1]))
+    least, largest = (reachable_phi(n)[k] for n, k in ((porosity, 0), (POROSITIES[0], 1)))
+    if porosity < POROSITIES[0] or phi < least - 1e-9:
+        low, high = (math.degrees(angle) for angle in (reachable_phi(POROSITIES[0])[0], largest))
+        raise ModelError(
+            f"phi = {phi:g} rad ({math.degrees(phi):.3g} deg): no bed of grains has this strength; those of porosity {POROSITIES[0]:g} "
+            f"have {low:.3g} to {high:.3g} deg; take a value within"
+        )
+    return porosity
 
 
 def reachable_phi(porosity: float) -> tuple[float, float]:
