@@ -62,7 +62,7 @@ def grains_of(phi: float, c: float, rho: float, porosity: float, linear: bool = 
     if not 0.0 < rho < math.inf:
         raise ModelError(f"rho = {rho:g} kg/m3: the soil's bulk density must be above 0 kg/m3 and finite")
     least, largest = reachable_phi(porosity)
-    if not least - 1e-9 <= phi <= largest + 1e-9:  # rounding
+    if not least <= phi <= largest:
         remedy = "a denser bed, as far as the soil is" if phi > largest else "a denser bed, which weaker grains settle to"
         raise ModelError(
             f"phi = {phi:g} rad ({math.degrees(phi):.3g} deg): beds of porosity {porosity:g} have {least:.3g} to {largest:.3g} rad "
@@ -93,20 +93,14 @@ def loosest_porosity(phi: float) -> float:
     Raises:
         ModelError: No bed has this strength.
     """
-    _, _, strength, loosest = _LINE.T
-    tangent = math.tan(phi)
-    as_loose = strength + _B * np.maximum(strength - _T_0, 0.0) * (_MIDDLE - loosest)
-    settles = np.interp(tangent, as_loose[:4], loosest[:4])  # weaker grains settle densely
-    rough = _MIDDLE - (tangent - strength[-1]) / (_B * (strength[-1] - _T_0))  # the roughest grains are no stronger
-    porosity = float(min(settles, rough, POROSITIES[1]))
-    least, largest = (reachable_phi(n)[k] for n, k in ((porosity, 0), (POROSITIES[0], 1)))
-    if porosity < POROSITIES[0] or phi < least - 1e-9:
-        low, high = (math.degrees(angle) for angle in (reachable_phi(POROSITIES[0])[0], largest))
-        raise ModelError(
-            f"phi = {phi:g} rad ({math.degrees(phi):.3g} deg): no bed of grains has this strength; those of porosity {POROSITIES[0]:g} "
-            f"have {low:.3g} to {high:.3g} deg; take a value within"
-        )
-    return porosity
+    for porosity in np.linspace(POROSITIES[1], POROSITIES[0], 601).tolist():
+        least, largest = reachable_phi(porosity)
+        if least <= phi <= largest:
+            return porosity
+    raise ModelError(
+        f"phi = {phi:g} rad ({math.degrees(phi):.3g} deg): no bed of grains has this strength; those of porosity {POROSITIES[0]:g} have "
+        f"{math.degrees(least):.3g} to {math.degrees(largest):.3g} deg; take a value within"
+    )
 
 
 def reachable_phi(porosity: float) -> tuple[float, float]:
