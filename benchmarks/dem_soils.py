@@ -2,9 +2,9 @@
 
     python benchmarks/dem_soils.py [soil[:test] ...]
 
-Porosity, where no source tells it, is from rho and the density of the mineral; where spheres cannot have it, or not at the soil's phi, the
-bed is the loosest that has this phi. The angle of repose is that of the grains without cohesion: a heap of cohesive soil stands by its
-cohesion as high as heaps in a laboratory are. Half an hour on one core.
+Porosity, where no source tells it, is from rho and grains of 2650 kg/m3; where spheres cannot have it, the nearest is taken. The angle of
+repose is that of the grains without cohesion: a heap of cohesive soil stands by its cohesion as high as heaps in a laboratory are. Half an
+hour on one core.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cdl_fmu import load_soil
-from cdl_fmu.dem.apriori import POROSITIES, grains_of, loosest_porosity
+from cdl_fmu.dem.apriori import POROSITIES, grains_of
 from cdl_fmu.dem.bed import Bed, BedKey
 from cdl_fmu.dem.settle import settle
 from cdl_fmu.dem.sizes import Uniform
@@ -29,8 +29,7 @@ from cdl_fmu.dem.virtual.shear import shear
 EARTH, MOON = (0.0, 0.0, -9.81), (0.0, 0.0, -1.62)
 #: Soils, and gravity where their plates were pressed: Apollo's on the Moon.
 SOILS = {"cmu_sand": EARTH, "mss_d": EARTH, "lunar_nominal": MOON}
-#: Density of the mineral [kg/m3]: quartz; of the Moon's soil after Carrier, Olhoeft and Mendell 1991.
-MINERAL = {"cmu_sand": 2650.0, "mss_d": 2650.0, "lunar_nominal": 3100.0}
+QUARTZ = 2650.0  # kg/m3
 SPREAD = 0.1  # of the diameters, about their mean
 PRESSURES, SINKAGE, WIDTH = (4e3, 1e4, 2e4), 0.02, 0.08
 
@@ -40,9 +39,8 @@ class Case:
 
     def __init__(self, name: str):
         self.name, self.soil = name, load_soil(name)
-        self.own_porosity = 1.0 - self.soil["rho"] / MINERAL[name]
-        loosest = loosest_porosity(self.soil["phi"])
-        self.porosity = self.own_porosity if POROSITIES[0] <= self.own_porosity <= loosest else loosest
+        self.own_porosity = 1.0 - self.soil["rho"] / QUARTZ
+        self.porosity = min(max(self.own_porosity, POROSITIES[0]), POROSITIES[1])
         self.grains = grains_of(*(self.soil[key] for key in ("phi", "c", "rho")), self.porosity)
 
     def bed(self, diameter: float, depth: float, size: tuple[float, float], grains=None) -> Bed:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdl_fmu.dem.apriori import WHEEL_PRESSURE, grains_of, loosest_porosity, reachable_phi
+from cdl_fmu.dem.apriori import WHEEL_PRESSURE, grains_of, reachable_phi
 from cdl_fmu.dem.bed import BedKey
 from cdl_fmu.dem.material import Material
 from cdl_fmu.dem.scaling import overlap_under
@@ -149,7 +149,7 @@ def test_pull_of_contacts_is_from_cohesion_by_rumpf():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        (dict(porosity=0.285), "porosity = 0.285: beds of grains are known between 0.4 and 0.46; take one within"),
+        (dict(porosity=0.285), "porosity = 0.285: beds of grains are known between 0.4 and 0.46; take the nearest, which keeps rho"),
         (dict(phi=0.9), r"phi = 0.9 rad \(51.6 deg\): beds of porosity 0.43 have .* take a denser bed"),
         (dict(phi=0.2), r"phi = 0.2 rad \(11.5 deg\): beds of porosity 0.43 have .* take a denser bed"),
         (dict(c=-1.0), "c = -1 Pa: cohesion must be at least 0 Pa"),
@@ -165,15 +165,3 @@ def test_what_is_in_reach_is_made():
     for porosity in (0.4, 0.43, 0.46):
         for phi in reachable_phi(porosity):
             grains_of(phi, 0.0, 1500.0, porosity)
-
-
-def test_the_loosest_bed_of_a_strength_is_at_the_bounds_of_strength():
-    assert loosest_porosity(0.55) == 0.46
-    for phi in (0.4, 0.48, 0.64, 0.7):
-        porosity = loosest_porosity(phi)
-        assert 0.4 <= porosity < 0.46
-        grains_of(phi, 0.0, 1500.0, porosity)
-        with pytest.raises(ModelError, match="beds of porosity"):
-            grains_of(phi, 0.0, 1500.0, porosity + 1e-3)
-    with pytest.raises(ModelError, match=r"no bed of grains has this strength; those of porosity 0\.4 have 20\.\d to 42\.1 deg"):
-        loosest_porosity(0.8)

@@ -20,7 +20,7 @@ from .scaling import LARGEST_OVERLAP, overlap_under
 WHEEL_PRESSURE = 1e4
 #: Porosities that the training set has.
 POROSITIES = 0.4, 0.46
-#: The line: mu, mu_r, T = tan(phi) at the porosity ``_MIDDLE``, and the loosest porosity that settles.
+#: The line: mu, mu_r, T = tan(phi) at the porosity ``_MIDDLE``, and the loosest porosity that settles; the last ones settle above 0.46.
 _LINE = np.array(
     [
         (0.3, 0.0, 0.375, 0.403),
@@ -54,8 +54,8 @@ def grains_of(phi: float, c: float, rho: float, porosity: float, linear: bool = 
     low, high = POROSITIES
     if not low <= porosity <= high:
         raise ModelError(
-            f"porosity = {porosity:g}: beds of grains are known between {low:g} and {high:g}; take one within (loosest_porosity(phi) for "
-            "loose soil), which keeps rho: the density of the grains follows"
+            f"porosity = {porosity:g}: beds of grains are known between {low:g} and {high:g}; take the nearest, which keeps rho: the "
+            "density of the grains follows"
         )
     if not 0.0 <= c < math.inf:
         raise ModelError(f"c = {c:g} Pa: cohesion must be at least 0 Pa and finite")
@@ -82,24 +82,6 @@ def grains_of(phi: float, c: float, rho: float, porosity: float, linear: bool = 
         cohesion=pull,
         density=rho / (1.0 - porosity),
         linear=linear,
-    )
-
-
-def loosest_porosity(phi: float) -> float:
-    """The loosest porosity that a bed of peak strength phi [rad] can have, for soils whose own porosity spheres cannot have.
-
-    The bed then dilates least: its peak strength is nearest to its residual strength and to its angle of repose.
-
-    Raises:
-        ModelError: No bed has this strength.
-    """
-    for porosity in np.linspace(POROSITIES[1], POROSITIES[0], 601).tolist():
-        least, largest = reachable_phi(porosity)
-        if least <= phi <= largest:
-            return porosity
-    raise ModelError(
-        f"phi = {phi:g} rad ({math.degrees(phi):.3g} deg): no bed of grains has this strength; those of porosity {POROSITIES[0]:g} have "
-        f"{math.degrees(least):.3g} to {math.degrees(largest):.3g} deg; take a value within"
     )
 
 
