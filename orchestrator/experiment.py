@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from cdl_fmu.slave.interface import ENVIRONMENT
-from cdl_fmu.slave.model import Instance, ModelError, describe_violation, parse_value
-from cdl_fmu.slave.records import Record, Scalar
+from cdl_fmu.slave.model import Instance, ModelError
 from cdl_fmu.soil import SOIL, SoilError, load_soil, plates_gravity, usable_widths
 from cdl_fmu.unloading import UNLOADING
 from cdl_fmu.wheel import WHEEL
@@ -21,13 +15,14 @@ from fmus import ROCK_TIERS, SOIL_OWNERS, TIERS, contacts
 
 from . import soil_range
 from .assemble import assemble
-from .keys import flat, joined, within
+from .keys import flat
 from .rigs import ROVER, TESTBED, Rig
 from .rocks import MESH, ROCK, ROCKS, Rock, hard_keys, make_rock
 from .schemes import SCHEMES
 from .sections import RUN, files_in, models_of, sections_of, takes_one
 from .tables import ExperimentError, read_tables
 from .terminal import stages
+from .written import Written
 
 
 @dataclass(frozen=True)
@@ -111,17 +106,20 @@ class Experiment:
 
     def __init__(self, path: Path, text: str, tables: Mapping, options: Mapping[str, str], rig: Rig):
         self.name, self.text = path.stem, text
-        self._file, self._folder, self._options, self.rig = path.name, path.parent, options, rig
+        self._written = Written(path.name, path.parent, text, options)
+        self.rig = rig
         outside = {"title", *rig.tiers.values(), *rig.keys.fields, "rock"}  # of all sections
         for key, value in tables.items():
             if key not in outside and not isinstance(value, Mapping):
-                raise ExperimentError(f"{self._place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi")
+                raise ExperimentError(
+                    f"{self._written.place('', key)}: {key} = {value!r} is in no section; give a value in one, such as soil.phi"
+                )
         self.title = tables.get("title", self.name)
         self.tiers = self._tiers(tables)
         if len(owners := [tier for tier in SOIL_OWNERS if tier in self.tiers.values()]) > 1:
             raise ExperimentError(
-                f"{self._place('tiers', '')}: wheels on {' and on '.join(owners)}: each tier owns the soil under all wheels; put the "
-                "others on BCM or VEM, which share it"
+                f"{self._written.place('tiers', '')}: wheels on {' and on '.join(owners)}: each tier owns the soil under all wheels; put "
+                "the others on BCM or VEM, which share it"
             )
         self.rocks, self.rock_tier = self._rocks(tables)
         n = len(self.rocks)
@@ -136,19 +134,19 @@ class Experiment:
         models = models_of(rig) | self._models
         self._records = sections_of(rig, models)
         tables = {key: value for key, value in tables.items() if key not in ("rock", "rocks")}
-        self._refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
+        self._written.refuse_unknown(tables, "", {*outside, *(path.split(".")[0] for path in rig.tiers.values()), *self._records})
         tables = dict(tables, soil=self._soil(dict(tables.get("soil", {}))))
         #: section -> FMI name -> value as it is stored
         self._values = {
-            section: self._section(section, record, files_in(section, models), tables.get(section, {}))
+            section: self._written.section(section, record, files_in(section, models), tables.get(section, {}))
             for section, record in self._records.items()
         }
-        keys = self._section("", rig.keys, {}, {key: tables[key] for key in rig.keys.fields if key in tables})
+        keys = self._written.section("", rig.keys, {}, {key: tables[key] for key in rig.keys.fields if key in tables})
         r_w = self._values["wheel"].get("r_w", WHEEL.fields["r_w"].start)
         try:
             self._values[rig.mover] |= rig.mover_values(keys, r_w)
         except ModelError as error:
-            raise ExperimentError(f"{self._place('', str(error).split(' = ')[0])}: {error}") from None
+            raise ExperimentError(f"{self._written.place('', str(error).split(' = ')[0])}: {error}") from None
         mover = Instance(self._models[rig.mover])
         mover.set_starts(self._values[rig.mover])
         run = {s.name: s.start for s in RUN.scalars()} | rig.run_values(keys, mover, r_w) | self._values["run"]
@@ -181,7 +179,7 @@ class Experiment:
                 key = str(error).split(" = ")[0]
                 sections = (self.rock_tier.lower() if name == ROCKS else name, "soil", "wheel", "environment")
                 section = next((s for s in sections if key in (x.name for x in self._records[s].scalars())), sections[0])
-                raise ExperimentError(f"{self._place(section, key.split('[')[0])}: {section}.{error}") from error
+                raise ExperimentError(f"{self._written.place(section, key.split('[')[0])}: {section}.{error}") from error
         return made
 
     @property
@@ -207,7 +205,7 @@ class Experiment:
                 instance.prepare(told)
                 self._warned_before += instance.warnings
             except ModelError as error:
-                raise ExperimentError(f"{self._file}: {name}.{error}") from error
+                raise ExperimentError(f"{self._written.name}: {name}.{error}") from error
 
     def write_system(self, path: Path) -> None:
         """Write the experiment as an SSP package.
@@ -217,7 +215,7 @@ class Experiment:
         try:
             assemble(self).write(path)
         except ModelError as error:
-            raise ExperimentError(f"{self._file}: {error}") from error
+            raise ExperimentError(f"{self._written.name}: {error}") from error
 
     # -- checks
 
@@ -228,13 +226,13 @@ class Experiment:
         on = ", ".join(dict.fromkeys([*self.tiers.values(), *([self.rock_tier] if self.rocks else [])]))
         found = []
         if self._compaction and "bcm" in self._models and not self._models["bcm"].sizes["n_compacted"]:
-            place = self._place("bcm", "compaction")
+            place = self._written.place("bcm", "compaction")
             found.append(f"{place}: bcm.compaction has no effect: no wheel on SCM presses the soil that wheels on BCM stand on")
         return (
             found
             + [
                 f"{option}: it has no effect: no wheel is on {idle[section]}, only on {on}"
-                for key, option in self._options.items()
+                for key, option in self._written.options.items()
                 if (section := key.partition(".")[0]) in idle
             ]
             + self._idle_of_rocks()
@@ -247,7 +245,7 @@ class Experiment:
         model, tier = self._models[ROCKS], self.rock_tier
         asked, hard = model.parameters.fields["body"].record.fields, set(hard_keys())
         found = []
-        for key, option in self._options.items():
+        for key, option in self._written.options.items():
             section, _, name = key.partition(".")
             if section.startswith("rock[") and name in hard and name not in asked:
                 found.append(f"{option}: it has no effect: rocks are on {tier}, which does not ask for it")
@@ -261,38 +259,40 @@ class Experiment:
             return []
         scm, bcm = self._values["scm"], self._values["bcm"]
         unloading = {name: (f.unit, scm.get(name, f.start), bcm.get(name, f.start)) for name, f in UNLOADING.fields.items()}
-        return [f"{self._file}: {text}" for text in soil_range.laws_apart(unloading, scm_scales=self._scm_scales())]
+        return [f"{self._written.name}: {text}" for text in soil_range.laws_apart(unloading, scm_scales=self._scm_scales())]
 
     def _rocks(self, tables: Mapping) -> tuple[list[Rock], str]:
         """The rocks, and the tier on which they meet wheels."""
         given, section = tables.get("rock", []), tables.get("rocks", {})
         if not isinstance(given, list):
-            raise ExperimentError(f"{self._place('rock', '')}: write each rock as a section [[rock]], with two brackets")
-        self._refuse_unknown(section, "rocks", ["tier"])
+            raise ExperimentError(f"{self._written.place('rock', '')}: write each rock as a section [[rock]], with two brackets")
+        self._written.refuse_unknown(section, "rocks", ["tier"])
         tier = section.get("tier", next(iter(ROCK_TIERS)))
         if tier not in ROCK_TIERS:
-            where = self._place("rocks", "tier")
+            where = self._written.place("rocks", "tier")
             raise ExperimentError(f"{where}: rocks.tier = {tier!r} is unknown; use one of {', '.join(ROCK_TIERS)}")
         if given and "DEM" in self.tiers.values():
             raise ExperimentError(
-                f"{self._place('rock[1]', '')}: rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM"
+                f"{self._written.place('rock[1]', '')}: rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM"
             )
         if given and self.rig is not ROVER:
-            raise ExperimentError(f"{self._place('rock[1]', '')}: rocks need a rover; a testbed's carriage has a single wheel on soil")
+            raise ExperimentError(
+                f"{self._written.place('rock[1]', '')}: rocks need a rover; a testbed's carriage has a single wheel on soil"
+            )
         rocks = []
         for j, table in enumerate(given, 1):
             name = f"rock[{j}]"
-            values = self._section(name, ROCK, MESH, {key: _choice(value) for key, value in table.items()})
+            values = self._written.section(name, ROCK, MESH, {key: _choice(value) for key, value in table.items()})
             mesh = str(values.pop("mesh", ""))
             try:
                 rocks.append(make_rock(values, mesh))
             except ModelError as error:
-                raise ExperimentError(f"{self._place(name, str(error).split(' = ')[0])}: {name}.{error}") from None
+                raise ExperimentError(f"{self._written.place(name, str(error).split(' = ')[0])}: {name}.{error}") from None
             is_fixed = rocks[-1].values["fixed"] == ROCK.fields["fixed"].value("on")
             if "SCM" not in self.tiers.values() and not is_fixed:
                 raise ExperimentError(
-                    f"{self._place(name, 'fixed')}: {name}.fixed = false: no wheel is on SCM, so there is no soil to bear the rock; set "
-                    "fixed = true, or put a wheel on SCM"
+                    f"{self._written.place(name, 'fixed')}: {name}.fixed = false: no wheel is on SCM, "
+                    "so there is no soil to bear the rock; set fixed = true, or put a wheel on SCM"
                 )
         return rocks, tier
 
@@ -300,7 +300,7 @@ class Experiment:
         """Tables without what decides which models are taken, ``bcm.compaction``, and that."""
         wanted = (section := tables.get("bcm", {})).get("compaction", False)
         if not isinstance(wanted, bool):
-            where = self._place("bcm", "compaction")
+            where = self._written.place("bcm", "compaction")
             raise ExperimentError(f"{where}: bcm.compaction = {wanted!r}: use true (wheels feel what pressed the soil before) or false")
         return dict(tables, bcm={key: value for key, value in section.items() if key != "compaction"}), wanted
 
@@ -309,7 +309,7 @@ class Experiment:
         found = {tier for tier in self.tiers.values() if tables.get(tier.lower(), {}).get("ground")}
         if found and (owner := next((tier for tier in SOIL_OWNERS if tier in self.tiers.values()), None)):
             section = min(found).lower()
-            where = self._place(section, "ground")
+            where = self._written.place(section, "ground")
             instead = "give scm.base, or " if owner == "SCM" else "put "
             raise ExperimentError(
                 f"{where}: {section}.ground: all wheels stand on the soil of the one on {owner}; {instead}no wheel on {owner}"
@@ -318,13 +318,13 @@ class Experiment:
 
     def _width_outside(self) -> list[str]:
         width = self._values["wheel"].get("b_w", WHEEL.fields["b_w"].start)
-        return [f"{self._place('wheel', 'b_w')}: {text}" for text in soil_range.width_outside(width, self._usable_widths)]
+        return [f"{self._written.place('wheel', 'b_w')}: {text}" for text in soil_range.width_outside(width, self._usable_widths)]
 
     def _gravity_outside(self) -> list[str]:
         gravity = self._values["environment"].get("gravity", ENVIRONMENT.fields["gravity"].start)
         on_bcm = "bcm" in self._models
         found = soil_range.gravity_outside(gravity, self._plates_gravity, on_bcm=on_bcm, scm_scales=self._scm_scales())
-        return [f"{self._place('environment', 'gravity')}: {text}" for text in found]
+        return [f"{self._written.place('environment', 'gravity')}: {text}" for text in found]
 
     def _scm_scales(self) -> bool:
         """Whether SCM's pressure grows with gravity, by Reece's law."""
@@ -335,22 +335,22 @@ class Experiment:
         keys = {wheel: path.rpartition(".")[2] for wheel, path in self.rig.tiers.items()}
         given = tables.get(section, {}) if section else tables
         if section:
-            self._refuse_unknown(given, section, set(keys.values()))
+            self._written.refuse_unknown(given, section, set(keys.values()))
         for wheel, key in keys.items():
             named = f"wheel {wheel}" if len(keys) > 1 else "the wheel"
             if key not in given:
-                raise ExperimentError(f"{self._place(section, '')}: {named} has no tier; use one of {', '.join(TIERS)}")
+                raise ExperimentError(f"{self._written.place(section, '')}: {named} has no tier; use one of {', '.join(TIERS)}")
             if given[key] not in list(TIERS):
-                where = self._place(section, key)
+                where = self._written.place(section, key)
                 hint = ' ("RBC" is for rocks: rocks.tier)' if given[key] in list(ROCK_TIERS) else ""
                 raise ExperimentError(f"{where}: tier {given[key]!r} of {named} is unknown; use one of {', '.join(TIERS)}{hint}")
         return {wheel: given[key] for wheel, key in keys.items()}
 
     def _soil(self, table: dict) -> dict:
         chosen = str(table.pop("set", "mss_d"))
-        if chosen.endswith(".toml") and "soil.set" not in self._options:
-            chosen = self._folder / chosen  # as the file means it, wherever the command is given
-        self._refuse_unknown(table, "soil", SOIL.fields)  # before what it may have been meant for is missed
+        if chosen.endswith(".toml") and "soil.set" not in self._written.options:
+            chosen = self._written.folder / chosen  # as the file means it, wherever the command is given
+        self._written.refuse_unknown(table, "soil", SOIL.fields)  # before what it may have been meant for is missed
         try:
             known = load_soil(chosen, given=table.keys())
             # Who changes the law of sinkage answers for its range.
@@ -359,79 +359,7 @@ class Experiment:
             self._plates_gravity = plates_gravity(chosen) if as_tested else None
             return {**known, **table}
         except SoilError as error:
-            raise ExperimentError(f"{self._place('soil', 'set')}: {error}") from None
-
-    def _section(self, section: str, record: Record, files: Mapping[str, str], table: Mapping) -> dict[str, float | str]:
-        values: dict[str, float | str] = {}
-        scalars = record.scalars()
-        for key, value in flat(table):
-            if key in files:
-                values[key] = self._path(section, key, value, files[key])
-                continue
-            array = [s for s in scalars if s.name == key or s.name.startswith(f"{key}[")]
-            if not array:
-                self._refuse_unknown({key: value}, section, {*(s.name.split("[")[0] for s in scalars), *files})
-            each = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * len(array)
-            if len(each) != len(array):
-                number = f"{len(array)} values" if len(array) > 1 else "one value"
-                raise ExperimentError(f"{self._place(section, key)}: {joined(section, key)} needs {number}, not {len(each)}")
-            try:
-                for scalar, one in zip(array, each):
-                    values[scalar.name] = self._checked(scalar, one)
-            except ModelError as error:
-                raise ExperimentError(f"{self._place(section, key)}: {joined(section, str(error))}") from None
-        return values
-
-    def _path(self, section: str, key: str, value, description: str) -> str:
-        """Path of a file that a model reads, "" for none: relative to the experiment's file, in an option to the working directory."""
-        if not isinstance(value, str):
-            raise ExperimentError(f"{self._place(section, key)}: {section}.{key} = {value!r}: the path of a file is needed ({description})")
-        if not value:
-            return ""
-        folder = Path() if f"{section}.{key}" in self._options else self._folder
-        path = (folder / value).absolute()
-        if not path.is_file():
-            where = self._place(section, key)
-            raise ExperimentError(f"{where}: {section}.{key} = '{value}': no such file; correct the path {path} ({description})")
-        return str(path)
-
-    @staticmethod
-    def _checked(scalar: Scalar, value) -> float:
-        number = parse_value(scalar, value)
-        if not scalar.field.min <= number <= scalar.field.max or not np.isfinite(number):
-            raise ModelError(describe_violation(scalar, number))
-        return number
-
-    def _refuse_unknown(self, table: Mapping, section: str, known: Iterable[str]) -> None:
-        for key in table:
-            if key not in known:
-                near = difflib.get_close_matches(key, known, 1)
-                remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(sorted(known))}"
-                raise ExperimentError(f"{self._place(section, key)}: {joined(section, key)} is unknown; {remedy}")
-
-    def _place(self, section: str, key: str) -> str:
-        """The command line's option that set a key, or its file and line; of a whole section without a key."""
-        path = joined(section, key)
-        for given, option in self._options.items():
-            if within(given, path) or within(path, given):
-                return option
-        current = ""
-        seen = Counter()
-        for number, line in enumerate(self.text.splitlines(), 1):
-            if header := re.match(r"\s*\[+([^\[\]]+)\]", line):
-                current = header[1]
-                if line.lstrip().startswith("[["):
-                    seen[current] += 1
-                    current = f"{current}[{seen[current]}]"
-                found = within(current, path)
-            elif assigned := re.match(r"\s*([\w.\"]+)\s*=", line):
-                given = f"{current}.{assigned[1]}".lstrip(".")
-                found = within(given, path) or within(path, given)  # the latter in an inline table
-            else:
-                continue
-            if found:
-                return f"{self._file}, line {number}"
-        return self._file
+            raise ExperimentError(f"{self._written.place('soil', 'set')}: {error}") from None
 
 
 def _choice(value):

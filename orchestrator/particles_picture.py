@@ -28,7 +28,9 @@ def particles_picture(seen: Instant) -> Figure:
         for ax, (name, (label, unit, colours)) in zip(axes[:, column], _PANELS.items()):
             shown = _section(ax, seen, wheel, getattr(seen, name) / unit, colours)
             figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
-    figure.suptitle(f"particles in the wheel's middle plane, t = {seen.t:g} s", fontsize=10)
+        if len(seen.wheels) > 1:
+            axes[0, column].set_title(f"wheel {column + 1}", fontsize=10)
+    figure.suptitle(f"particles in the middle plane of the wheel, t = {seen.t:g} s", fontsize=10)
     return figure
 
 

@@ -70,7 +70,8 @@ class _RoverRig(Rig):
         centres = np.array(mover.y["wheel"]["r_0"])
         (front, rear), apart = ground, float(np.linalg.norm((centres[0] - centres[1])[:2]))
         mover.set_starts({"start.z": float(np.mean(ground)) + tip_radius(contacts), "start.pitch": math.atan2(rear - front, apart)})
-        mover.set_starts(settle(mover, *_hard_in_place_of_particles(contacts, wires)))
+        mover.set_starts(settle(mover, *_cells_in_place_of_particles(contacts, wires)))
+        _lift_from_particles(mover, contacts)
 
 
 #: Travel [m] of a testbed's carriage at least, and in radii of its wheel: sinkage and forces are stationary well before.
@@ -78,7 +79,7 @@ LEAST_TRAVEL, TRAVEL_IN_RADII = 0.5, 8.0
 #: Travel of rim or hub in one step [m], and the longest step [s]: soil in cells of 5 mm then answers as in shorter steps.
 STEP_TRAVEL, LONGEST_STEP = 1e-4, 0.01
 _HIGH = 1e4  # [m] above all meshes
-_HARD = 1e9  # [N/m3] of ground on which a wheel stands on its grousers' tips
+_SMALL = 1e-6  # [m], [rad] by which derivatives are taken
 _STOPS_PER_SECOND = 10.0  # tenths of a second are multiples of the usual steps
 
 
@@ -180,22 +181,36 @@ def start(rig: Rig, mover: Instance, contacts: Contacts, wires: Wires, is_given:
         contact.initialise()
 
 
-def _hard_in_place_of_particles(contacts: Contacts, wires: Wires) -> tuple[Contacts, Wires]:
-    """Contacts for a rover that is to be at rest: particles, which take their time to bear, are as hard as rock; so it sinks in as it runs.
-
-    The ground is as high as the highest particle, so that no wheel begins within one.
-    """
-    hard = {}
+def _cells_in_place_of_particles(contacts: Contacts, wires: Wires) -> tuple[Contacts, Wires]:
+    """Contacts for a rover that is to be at rest: SCM's soil in place of particles, which take their time to bear."""
+    cells = {}
     for name, (contact, wheels) in contacts.items():
         if isinstance(contact.model, DEM):
             sizes = contact.model.sizes
-            p = {key: float(contact.p[key]) for key in (*WHEEL.fields, *ENVIRONMENT.fields)}
-            ground = dict(ground_z=contact.pool.highest, k_c=0.0, k_phi=_HARD, n=1.0)
-            hard[name] = Instance(SCM(sizes["n_wheels"], sizes["n_patches"]), name, **p, **ground), wheels
-    if not hard:
+            p = {key: float(contact.p[key]) for key in (*WHEEL.fields, *ENVIRONMENT.fields, "ground_z", "phi", "c", "rho")}
+            cells[name] = Instance(SCM(sizes["n_wheels"], sizes["n_patches"]), name, **p), wheels
+    if not cells:
         return contacts, wires
-    instances = {**wires.instances, **{name: instance for name, (instance, _) in hard.items()}}
-    return {**contacts, **hard}, Wires(instances, wires.connections)
+    instances = {**wires.instances, **{name: instance for name, (instance, _) in cells.items()}}
+    return {**contacts, **cells}, Wires(instances, wires.connections)
+
+
+def _lift_from_particles(mover: Instance, contacts: Contacts) -> None:
+    """Lift the wheels on particles out of them, so that they sink in as the run begins; the others stay where they are."""
+    wanted = {j: contact.pool.highest for contact, wheels in contacts.values() if isinstance(contact.model, DEM) for j in wheels}
+    if not wanted:
+        return
+    at = {name: float(getattr(mover.p.start, name)) for name in ("z", "pitch")}
+
+    def heights(**moved: float) -> np.ndarray:
+        mover.set_starts({f"start.{name}": value + moved.get(name, 0.0) for name, value in at.items()})
+        mover.initialise()
+        return np.array(mover.y["wheel"]["r_0"][:, 2])
+
+    now = heights()
+    slopes = np.column_stack([(heights(**{name: _SMALL}) - now) / _SMALL for name in at])
+    lift = np.array([wanted[j] + tip_radius(contacts) - z if j in wanted else 0.0 for j, z in enumerate(now)])
+    heights(**dict(zip(at, np.linalg.lstsq(slopes, lift)[0])))
 
 
 def ground_under(contacts: Contacts, points: np.ndarray) -> np.ndarray:

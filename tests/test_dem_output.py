@@ -189,9 +189,9 @@ def drive(slave, first, last):
     """A wheel that is pressed into the soil and then rolls along x."""
     h, wheel = 1e-3, slave.u["wheel"][0]
     for k in range(first, last):
-        angle = max(k - 10, 0) * 0.02
+        angle = max(k - 20, 0) * 0.02
         c, s = np.cos(angle), np.sin(angle)
-        wheel["r_0"][:] = 0.03 * angle, 0.0, 0.038 - 4e-4 * min(k, 10)
+        wheel["r_0"][:] = 0.03 * angle, 0.0, 0.038 - 5e-4 * min(k, 20)
         wheel["T"][:] = [[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]
         slave.step(k * h, h)
 
@@ -216,7 +216,7 @@ def test_a_slave_goes_on_from_bytes_in_another_process_with_the_same_bits(bed_fi
     second.restore(State.from_bytes(data, GrainPool))
     drive(second, after, after + 15)
     assert first.y.tobytes() == second.y.tobytes() and np.array_equal(first.pool.live, second.pool.live)
-    assert after == 1 or first.y["wheel"][0]["f_0"][2] > 0.1
+    assert after == 1 or first.y["wheel"][0]["f_0"][2] > 1.0
     assert len(data) < 400 * len(first.pool.live)  # bytes a particle: what a checkpoint weighs before it is compressed
 
 
@@ -265,10 +265,11 @@ def test_a_film_of_a_slave_writes_its_particles_and_its_wheel(driven, tmp_path):
     assert tools["points"].mean(axis=0) == pytest.approx(wheel, abs=1e-3)
     (seen,) = film.last.wheels
     assert seen.centre == pytest.approx(wheel) and seen.axle == pytest.approx([0.0, 1.0, 0.0])
-    # Soil below the wheel is stressed, and moves.
-    below = (abs(film.last.centres[:, 0] - wheel[0]) < 0.02) & (abs(film.last.centres[:, 1]) < 0.02)
-    assert film.last.pressures[below].mean() > 1.5 * film.last.pressures[~below].mean()
-    assert film.last.speeds[below].mean() > 2.0 * film.last.speeds[~below].mean()
+    # Soil just below the wheel is stressed, and moves.
+    upper = film.last.centres[:, 2] > -0.04
+    below = upper & (abs(film.last.centres[:, :2] - wheel[:2]) < 0.02).all(axis=1)
+    assert film.last.pressures[below].mean() > 2.0 * film.last.pressures[upper & ~below].mean()
+    assert film.last.speeds[below].mean() > 2.0 * film.last.speeds[upper & ~below].mean()
 
 
 def test_a_still_shows_the_particles_behind_the_wheels_middle_plane_true_to_scale(driven):
@@ -286,7 +287,7 @@ def test_a_still_shows_the_particles_behind_the_wheels_middle_plane_true_to_scal
         assert len(set(rows)) == len(rows) > 50 and along == pytest.approx(away[rows, 0], abs=1e-12)
         assert (np.diff(away[rows, 1]) <= 0.0).all()  # the near ones last
         assert np.array_equal(particles.get_array(), values[rows])
-    assert [text.get_text() for text in (figure._suptitle,)] == ["particles in the wheel's middle plane, t = 0.04 s"]
+    assert figure.get_suptitle() == "particles in the middle plane of the wheel, t = 0.04 s"
 
 
 # -- runs
@@ -331,12 +332,12 @@ def test_slow_runs_say_how_slow_they_are_and_when_they_end(speed, left, said, mo
     assert capsys.readouterr().err.endswith(f"{said}\n")
 
 
-def test_settling_is_told_every_few_seconds_with_the_time_left(monkeypatch):
+def test_stages_are_told_every_few_seconds_with_the_time_left(monkeypatch):
     now, told = 0.0, []
     monkeypatch.setattr(terminal.time, "perf_counter", lambda: now)
-    progress = terminal.settling(told.append)
+    progress = terminal.stages(told.append, "a bed")
     for k in range(1000):
         now = 0.03 * k
         progress("falling", k / 1000 - 1e-3)
     assert len(told) == 6
-    assert told[0].endswith("falling, 0%") and told[-1].endswith("falling, 83%, 5 s left")
+    assert told[0] == "a bed: falling, 0%" and told[-1] == "a bed: falling, 83%, 5 s left"

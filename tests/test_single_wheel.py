@@ -128,7 +128,7 @@ def test_a_value_wins_over_the_soil_and_the_soil_over_the_file(tmp_path, monkeyp
         ({"slip": 1.5}, "--set slip: slip = 1.5: it must be at most 1 (Slip of the rim's speed"),
         ({"slip": "much"}, "--set slip: slip = 'much': a number is needed"),
         ({"slip": [0.1, 0.2]}, "--set slip: slip needs one value, not 2"),
-        ({"tier": "DEM"}, "--set tier: tier 'DEM' of the wheel is unknown; use one of BCM, SCM"),
+        ({"tier": "FEM"}, "--set tier: tier 'FEM' of the wheel is unknown; use one of BCM, SCM"),
         ({"load_N": -5.0}, "--set load_N: load_N = -5 N: it must be at least 0.001 N (Load on the wheel along"),
         ({"load": 5.0}, "--set load: load = 5.0 is in no section"),
         ({"carriage.load": 5.0}, "--set carriage.load: carriage.load is unknown"),

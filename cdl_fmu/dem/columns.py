@@ -166,6 +166,8 @@ class Ground:
 
         def moves(ident):
             """Whether particles are live, and whether they move."""
+            if not len(numbers):
+                return np.zeros(len(ident), bool), np.zeros(len(ident), bool)
             at = np.minimum(np.searchsorted(numbers, ident), len(numbers) - 1)
             found = numbers[at] == ident
             return found, found & free[at]

@@ -16,10 +16,11 @@ from ..slave.kernel import kernel
 
 #: Places of a law's numbers: 1 for Hertz or for linear contacts; 2 E* [Pa]; elastic force over stiffness times overlap; damping over
 #: sqrt(stiffness times mass); tangential over normal stiffness, and its root; mu; rolling over tangential stiffness times R*^2; mu_r;
-#: pull over R*^2 [Pa]; mass over radius^3 [kg/m3]; time step [s]; 0.5 and 1 in the precision of the loops, which know no other constants.
+#: pull over R*^2 [Pa]; mass over radius^3 [kg/m3]; time step [s]; 0.5 and 1 in the precision of the loops, which know no other constants;
+#: share of its energy that an impact returns, e^2, and so does a rotation geometry.
 HERTZ, LINEAR, STIFFNESS, ELASTIC, DAMPING, TANGENTIAL, SHEAR_DAMPING, FRICTION = range(8)
-ROLLING, ROLLING_FRICTION, PULL, MASS, STEP, HALF, ONE = range(8, 15)
-LAW = 15
+ROLLING, ROLLING_FRICTION, PULL, MASS, STEP, HALF, ONE, RETURNED = range(8, 16)
+LAW = 16
 
 
 @kernel(inline=True)
@@ -104,5 +105,5 @@ def law_of(E, nu, e, mu, mu_r, cohesion, density, dt, linear, precision=np.float
     law[FRICTION], law[ROLLING], law[ROLLING_FRICTION] = mu, 1.0, mu_r
     law[PULL] = 16.0 * cohesion  # diameter = 4 R* of equal particles
     law[MASS] = 4.0 / 3.0 * math.pi * density
-    law[STEP], law[HALF], law[ONE] = dt, 0.5, 1.0
+    law[STEP], law[HALF], law[ONE], law[RETURNED] = dt, 0.5, 1.0, e * e
     return law.astype(precision)

@@ -130,7 +130,7 @@ class DEM(KernelModel):
             rest_speed=Real(2e-3, "m/s", "Speed below which particles outside the boxes are at rest", min=0.0, max=1.0),
             patch_spacing=Real(0.03, "m", "Distance of nodes in the patches for other tiers (section 8.4.2)", min=1e-3, max=1.0),
             seed=Real(1.0, "1", "Number of the bed, of those that differ by chance alone", min=0.0, max=1e6),
-            threads=Real(1.0, "1", "Threads that share the particles; no result depends on it", min=1.0, max=256.0),
+            threads=Real(1.0, "1", "Threads that share the particles, 0 = all of the machine; no result depends on it", min=0.0, max=256.0),
         )
     )
     events = WHEEL_EVENTS | {

@@ -28,9 +28,9 @@ N, SIDE, PAIRS, SLABS, CELLS_X, CELLS_Y, CELLS_Z, STALE, CROWDED, COUNT = range(
 #: Room for pairs, for each particle; spheres of two sizes have about 3 that touch.
 PAIRS_EACH = 8
 #: Rows of the memory in which a slab works on a block: what ``pairs`` gathers, and in place of D, A and B the force and torque on both
-#: particles; with shapes, their quaternions, and in place of U what the contact points to.
+#: particles; with shapes, their quaternions, relative angular velocity, and in place of U what the contact points to.
 D_X, D_Y, D_Z, U_X, U_Y, U_Z, A_X, A_Y, A_Z, B_X, B_Y, B_Z, R_A, R_B, BUFFER = range(15)
-Q_A, Q_B, SHAPED_BUFFER = BUFFER, BUFFER + 4, BUFFER + 8
+Q_A, Q_B, TURNING, SHAPED_BUFFER = BUFFER, BUFFER + 4, BUFFER + 8, BUFFER + 11
 
 #: Margins of lists [radii]: of a particle at rest, and the largest one. Own choice, by speed.
 LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25

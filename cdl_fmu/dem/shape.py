@@ -39,6 +39,7 @@ MOST_CORNERS, LARGEST_ASPECT = 16, 3.0
 CORNER, ON_AXIS, LONG, SHORT, BULGE, MIRRORS, NEXT, FIGURE = 0, 1, 2, 3, 4, 5, 11, 13
 
 _BULGE = 0.02  # [rad] own choice: half the angle of a bulging face
+_SLOW = 0.3  # [rad/s] own choice: see ``acting``
 _TINY = 1e-30  # of the square of a projection: nothing is divided by 0 where the normal lies along the figure's axis
 _ROOT_HALF = math.sqrt(0.5)
 
@@ -163,6 +164,25 @@ def shape_torque(figure, q, n):
     g_x, g_y, g_z = a_x + c_x, a_y + b_y, b_z + c_z
     t_x, t_y, t_z = y * g_z - z * g_y, z * g_x - x * g_z, x * g_y - y * g_x  # -dH / d(rotation) = c x grad H
     return xx * t_x + xy * t_y + xz * t_z, yx * t_x + yy * t_y + yz * t_z, zx * t_x + zy * t_y + zz * t_z
+
+
+@kernel(inline=True)
+def acting(torque, w, returned):
+    """What of a figure's torque acts: all of it while the grain climbs, a share while it falls, as only that of the energy comes back.
+
+    Own choice, of an impact's share. Up to a rotation of ``_SLOW`` along the torque the loss grows evenly, so that torques at rest do not
+    jump as the sign of the rotation changes.
+
+    Args:
+        torque: The figure's (3).
+        w: Angular velocity of its particle against the other body [rad/s] (3).
+        returned: Share of the energy that comes back.
+    """
+    x, y, z = torque
+    driving = (x * w[0] + y * w[1] + z * w[2]) / (_SLOW * math.sqrt(x * x + y * y + z * z + _TINY))
+    driving = min(max(driving, 0.0), 1.0)
+    share = 1.0 - (1.0 - returned) * driving
+    return share * x, share * y, share * z
 
 
 @kernel(inline=True)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from ..slave.kernel import kernel
-from .law import PULL
-from .particles import A_X, B_X, D_X, LENGTH, Q_A, Q_B, R_A, R_B, SIDE, U_X, X, Y, Z
-from .shape import shape_torque
+from .law import PULL, RETURNED
+from .particles import A_X, B_X, D_X, LENGTH, Q_A, Q_B, R_A, R_B, SIDE, TURNING, U_X, W_X, W_Y, W_Z, X, Y, Z
+from .shape import acting, shape_torque
 
 _F_X, _F_Y, _F_Z = (np.uint64((D_X + k) * LENGTH) for k in range(3))
 _D_X, _D_Y, _D_Z = (np.uint64((U_X + k) * LENGTH) for k in range(3))
@@ -18,6 +18,7 @@ _B_X, _B_Y, _B_Z = (np.uint64((B_X + k) * LENGTH) for k in range(3))
 _R_A, _R_B = np.uint64(R_A * LENGTH), np.uint64(R_B * LENGTH)
 _A_0, _A_1, _A_2, _A_3 = (np.uint64((Q_A + k) * LENGTH) for k in range(4))
 _B_0, _B_1, _B_2, _B_3 = (np.uint64((Q_B + k) * LENGTH) for k in range(4))
+_W_X, _W_Y, _W_Z = (np.uint64((TURNING + k) * LENGTH) for k in range(3))
 
 
 @kernel
@@ -47,6 +48,8 @@ def add_shape_torques(grains, law, i, pair, begin, stop, buf):
         if half_y > 0.0:
             d_y -= math.copysign(2.0 * half_y, d_y) if abs(d_y) > half_y else 0.0
         buf[_D_X + o], buf[_D_Y + o], buf[_D_Z + o] = d_x, d_y, body[a, Z] - body[b, Z]
+        buf[_W_X + o], buf[_W_Y + o] = body[a, W_X] - body[b, W_X], body[a, W_Y] - body[b, W_Y]
+        buf[_W_Z + o] = body[a, W_Z] - body[b, W_Z]
         q = orientation[a]
         buf[_A_0 + o], buf[_A_1 + o], buf[_A_2 + o], buf[_A_3 + o] = q[0], q[1], q[2], q[3]
         q = orientation[b]
@@ -57,7 +60,7 @@ def add_shape_torques(grains, law, i, pair, begin, stop, buf):
 @kernel
 def _add_torques(begin, stop, figure, law, buf):
     """Add the torques of contacts begin .. stop - 1."""
-    pull = law[PULL]
+    pull, returned = law[PULL], law[RETURNED]
     zero = pull - pull
     for o in range(np.uint64(begin), np.uint64(stop)):
         d_x, d_y, d_z = buf[_D_X + o], buf[_D_Y + o], buf[_D_Z + o]
@@ -67,10 +70,11 @@ def _add_torques(begin, stop, figure, law, buf):
         r_eff = buf[_R_A + o] * buf[_R_B + o] / (buf[_R_A + o] + buf[_R_B + o])
         moment = r_eff * (f_n + pull * r_eff * r_eff)  # a pull has no lever
         moment = moment if moment > 0.0 and f_n != 0.0 else zero
+        w_x, w_y, w_z = buf[_W_X + o], buf[_W_Y + o], buf[_W_Z + o]
         q = buf[_A_0 + o], buf[_A_1 + o], buf[_A_2 + o], buf[_A_3 + o]
-        a_x, a_y, a_z = shape_torque(figure, q, (n_x, n_y, n_z))
+        a_x, a_y, a_z = acting(shape_torque(figure, q, (n_x, n_y, n_z)), (w_x, w_y, w_z), returned)
         q = buf[_B_0 + o], buf[_B_1 + o], buf[_B_2 + o], buf[_B_3 + o]
-        b_x, b_y, b_z = shape_torque(figure, q, (-n_x, -n_y, -n_z))
+        b_x, b_y, b_z = acting(shape_torque(figure, q, (-n_x, -n_y, -n_z)), (-w_x, -w_y, -w_z), returned)
         t_x, t_y, t_z = moment * (a_x - b_x), moment * (a_y - b_y), moment * (a_z - b_z)
         buf[_A_X + o] += t_x
         buf[_A_Y + o] += t_y

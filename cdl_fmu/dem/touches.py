@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ..slave.kernel import kernel
-from .law import HALF, PULL, respond
+from .law import HALF, PULL, RETURNED, respond
 from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, N, R, X, Y, Z
-from .shape import shape_torque
+from .shape import acting, shape_torque
 from .tools import (
     AROUND,
     B_W,
@@ -157,9 +157,8 @@ def touch_forces(grains, tools, meshes, t, chunk):
             )
             moment = r * (f_n + law[PULL] * r * r)  # a pull has no lever
             if shaped and moment > 0.0:
-                s_x, s_y, s_z = shape_torque(
-                    grains.figure, (orientation[i, 0], orientation[i, 1], orientation[i, 2], orientation[i, 3]), (n_x, n_y, n_z)
-                )
+                turned = orientation[i, 0], orientation[i, 1], orientation[i, 2], orientation[i, 3]
+                s_x, s_y, s_z = acting(shape_torque(grains.figure, turned, (n_x, n_y, n_z)), w, law[RETURNED])
                 q_x, q_y, q_z = q_x + moment * s_x, q_y + moment * s_y, q_z + moment * s_z
             kept[k, m, NORMAL], kept[k, m, NORMAL + 1], kept[k, m, NORMAL + 2] = n_x, n_y, n_z
             kept[k, m, SLID], kept[k, m, SLID + 1], kept[k, m, SLID + 2] = shear

@@ -13,7 +13,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from .kernel import array_entry, compiled, kernel
+from .kernel import MOST_THREADS, array_entry, compiled, kernel
 from .pool import Pool
 from .records import Array, Choice, Record, Scalar
 from .state import State
@@ -156,8 +156,8 @@ class KernelModel(Model):
         views = {piece.name: piece.view(instance.block) for piece in self.pieces()}
         kept = tuple(view for name, view in views.items() if name[0] not in "uU")
         pool, views = instance.pool, tuple(views.values())
-        several = self.parallel_step_kernel is not None and instance.p.threads > 1.0
-        threads = int(instance.p.threads) if several else 1
+        threads = 1 if self.parallel_step_kernel is None else int(instance.p.threads) or MOST_THREADS
+        several = threads > 1
         initialise, step = self.initialise_kernel, self.parallel_step_kernel if several else self.step_kernel
         if self.arguments is None:
             more = "".join(f", a{i}" for i in range(len(pool.arrays if pool else ())))
