@@ -2,9 +2,9 @@
 
     python benchmarks/dem_soils.py [soil[:test] ...]
 
-Grains' density is 2650 kg/m3 where porosity is not known; a porosity out of reach is replaced by the nearest. The angle of repose is that
-of the grains without cohesion: a heap of cohesive soil stands by its cohesion as high as heaps in a laboratory are. Half an hour on one
-core.
+Porosity, where no source tells it, is from rho and grains of 2650 kg/m3; where spheres cannot have it, the nearest is taken. The angle of
+repose is that of the grains without cohesion: a heap of cohesive soil stands by its cohesion as high as heaps in a laboratory are. Half an
+hour on one core.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Case:
 
     def repose(self) -> dict[str, object]:
         """Angle of repose."""
-        heap = repose(self.bed(0.005, 0.1, (0.154, 0.022), replace(self.grains, cohesion=0.0)), wall_speed=0.2)
+        heap = repose(self.bed(0.005, 0.08, (0.132, 0.022), replace(self.grains, cohesion=0.0)), wall_speed=0.2)
         return dict(angle=math.degrees(heap.angle), input=math.degrees(self.soil["phi"]))
 
     def plates(self) -> dict[str, object]:
