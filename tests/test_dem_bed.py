@@ -242,12 +242,14 @@ def test_a_library_settles_once_and_repairs_what_is_damaged(bed, tmp_path, monke
 
 def test_a_key_has_all_its_values_with_units_and_comes_back(tmp_path, bed):
     for kind, section in ((Material, "material"), (BedKey, "bed")):
-        names = {field.name for field in fields(kind)} - {"material", "sizes"}
-        assert names == set(bed_files._UNITS[section])
-    sizes = Shares(((0.009, 0.25), (0.011, 0.75)))
-    other = replace(KEY, sizes=sizes, depth=0.2, refinement=((0.07, 1.5),), scale=1.25, material=Material(linear=True))
-    write_bed(replace(bed, key=other), tmp_path / "bed.npz")
-    assert load_bed(tmp_path / "bed.npz").key == other
+        names = {field.name for field in fields(kind)} - {"material", "sizes", "shape"}
+        assert names == {name for name in bed_files._UNITS[section] if not name.startswith("shape_")}
+    sizes, shape = Shares(((0.009, 0.25), (0.011, 0.75))), Shape(corners=8, returned=0.5)
+    other = replace(KEY, sizes=sizes, depth=0.2, refinement=((0.07, 1.5),), scale=1.25, material=Material(linear=True, shape=shape))
+    turned = np.tile([0.6, 0.8, 0.0, 0.0], (len(bed.radii), 1))
+    write_bed(replace(bed, key=other, orientations=turned), tmp_path / "bed.npz")
+    back = load_bed(tmp_path / "bed.npz")
+    assert back.key == other and np.array_equal(back.orientations, turned)
 
 
 def damage(path, **arrays):
@@ -320,7 +322,7 @@ def test_memory_is_that_of_the_arrays_and_too_much_is_refused_before(bed, monkey
     assert estimate_memory(n, shape=Shape(corners=6)) >= estimate_memory(n) + 2 * 4 * 8 * n  # a quaternion on both sides
     monkeypatch.setattr(memory, "available_memory", lambda: int(1e9))
     check_memory(100_000)
-    with pytest.raises(ModelError, match=r"10000000 particles need 2\d.\d GB of memory, 1 GB are available: take coarser grains"):
+    with pytest.raises(ModelError, match=r"10000000 particles need 1\d.\d GB of memory, 1 GB are available: take coarser grains"):
         check_memory(10_000_000)
     with pytest.raises(ModelError, match=r"particles need .* GB of memory, 1 GB are available"):
         settle(replace(KEY, size=(100.0, 100.0)))
@@ -335,7 +337,7 @@ def test_tools_and_boxes_are_large_against_particles():
     check_box(0.25, 0.15, tool_width=0.125, tool_radius=0.125)
     with pytest.raises(ModelError, match=r"box_width = 0.2 m: for this tool it must be at least 0.25 m \(2 widths of 0.125 m\)"):
         check_box(0.2, 0.15, tool_width=0.125, tool_radius=0.125)
-    with pytest.raises(ModelError, match=r"0.1 m deep, for this tool it must be 0.15 m"):
+    with pytest.raises(ModelError, match=r"depth = 0.1 m: for this tool it must be at least 0.15 m"):
         check_box(0.3, 0.1, tool_width=0.125, tool_radius=0.125)
 
 
