@@ -166,3 +166,14 @@ def test_what_is_in_reach_is_made():
     for porosity in (0.4, 0.43, 0.46):
         for phi in reachable_phi(porosity):
             grains_of(phi, 0.0, 1500.0, porosity)
+
+
+@pytest.mark.slow
+def test_grains_of_dry_sand_have_its_strength_and_its_slope():
+    """Within the scatter of samples of so few grains."""
+    grains = grains_of(phi=math.radians(29.0), c=0.0, rho=1330.0, porosity=0.46)
+    sample = settle(BedKey(grains, SIZES, 0.46, 0.06, (0.066, 0.066)))
+    tests = shear(sample, [4e3, 1e4, 2e4], strain=0.3, inertial_number=2e-3)
+    assert math.degrees(tests.strength_without_cohesion.phi) == pytest.approx(29.0, abs=2.0)
+    block = settle(BedKey(grains, SIZES, 0.46, 0.08, (0.132, 0.022)))
+    assert math.degrees(repose(block, wall_speed=0.2).angle) == pytest.approx(29.0, abs=3.0)
