@@ -1,7 +1,7 @@
 """Particles sorted by the cells of a grid, and slabs of it for threads.
 
-Each particle has a margin of its own by which it may move until the lists are made anew: fast particles have a wide one, particles at rest
-nearly none, so that the lists hold few pairs that do not touch.
+Each particle has a margin of its own by which it may move until the lists are made anew: among fast particles a wide one, among those at
+rest nearly none, so that the lists hold few pairs that do not touch.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def sort_particles(grains, horizon):
     old, new, built = grains.body[side], grains.body[1 - side], grains.built
     x_0 = y_0 = z_0 = math.inf
     x_1 = y_1 = z_1 = -math.inf
-    reach, period_x, period_y = 0.0, grains.periods[0], grains.periods[1]
+    reach, largest, period_x, period_y = 0.0, 0.0, grains.periods[0], grains.periods[1]
     for i in range(n):
         if period_x > 0.0:
             old[i, X] -= period_x * math.floor(old[i, X] / period_x)
@@ -55,15 +55,15 @@ def sort_particles(grains, horizon):
         if not abs(x) + abs(y) + abs(z) < FURTHEST:
             return False
         speed = math.sqrt(old[i, V_X] ** 2 + old[i, V_Y] ** 2 + old[i, V_Z] ** 2)
-        margin = min(max(speed * horizon, LEAST_MARGIN * r), LARGEST_MARGIN * r)
-        grains.force[i, 0] = margin  # in their old order
-        reach = max(reach, r + margin)
+        grains.force[i, 0] = speed  # in their old order
+        reach = max(reach, r)
+        largest = max(largest, speed)
         x_0, x_1, y_0, y_1, z_0, z_1 = min(x_0, x), max(x_1, x), min(y_0, y), max(y_1, y), min(z_0, z), max(z_1, z)
     if period_x > 0.0:
         x_0, x_1 = 0.0, period_x
     if period_y > 0.0:
         y_0, y_1 = 0.0, period_y
-    side_x = side_y = side_z = 2.0 * reach
+    side_x = side_y = side_z = 2.0 * (reach + min(max(largest * horizon, LEAST_MARGIN * reach), LARGEST_MARGIN * reach))
     # Longer cells where there are most: a particle that flies far away spoils one direction only, and a period keeps its three cells.
     along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
     while along_x * along_y * along_z > len(grains.cells) - 1:
@@ -83,16 +83,18 @@ def sort_particles(grains, horizon):
         side_y = period_y / n_y
     count[CELLS_X], count[CELLS_Y], count[CELLS_Z] = n_x, n_y, n_z
     # Counting sort by cells, z fastest.
-    cells, cell, order = grains.cells, grains.cell, grains.order
+    cells, cell, order, fastest = grains.cells, grains.cell, grains.order, grains.fastest
     n_cells = n_x * n_y * n_z
     for c in range(n_cells + 1):
         cells[c] = 0
+        fastest[c] = 0.0
     for i in range(n):
         c_x = min(int((old[i, X] - x_0) / side_x), n_x - 1)
         c_y = min(int((old[i, Y] - y_0) / side_y), n_y - 1)
         c_z = min(int((old[i, Z] - z_0) / side_z), n_z - 1)
         cell[0, i] = (c_x * n_y + c_y) * n_z + c_z
         cells[cell[0, i] + 1] += 1
+        fastest[cell[0, i]] = max(fastest[cell[0, i]], grains.force[i, 0])
     for c in range(n_cells):
         cells[c + 1] += cells[c]
     for i in range(n):  # cells[c] is the next free place of cell c, and in the end where cell c + 1 begins
@@ -111,7 +113,15 @@ def sort_particles(grains, horizon):
         if grains.orientation.shape[1] > 0:
             for k in range(4):
                 grains.orientation[1 - side, i, k] = grains.orientation[side, a, k]
-        built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], new[i, R] + grains.force[a, 0]
+        # What lies beside fast particles will be as fast soon.
+        c, fast = cell[1, i], 0.0
+        c_x, c_y, c_z = c // (n_z * n_y), (c // n_z) % n_y, c % n_z
+        for b_x in range(max(c_x - 1, 0), min(c_x + 2, n_x)):
+            for b_y in range(max(c_y - 1, 0), min(c_y + 2, n_y)):
+                for b_z in range(max(c_z - 1, 0), min(c_z + 2, n_z)):
+                    fast = max(fast, fastest[(b_x * n_y + b_y) * n_z + b_z])
+        margin = min(max(fast * horizon, LEAST_MARGIN * new[i, R]), LARGEST_MARGIN * new[i, R])
+        built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], new[i, R] + margin
     for i in range(n):
         grains.force[i, 0] = 0.0
     # Slabs of whole layers of cells, an even number of them.
