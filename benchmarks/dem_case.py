@@ -74,7 +74,8 @@ def load(path: Path) -> Bed:
 class Wheel:
     """A smooth cylinder with caps and its motion: lowered into the bed, then rolling along x at constant speed, slip and height.
 
-    Its axle is along y, in the middle between the side walls.
+    Its axle is along y, in the middle between the side walls. A plate is such a cylinder that lies flat in the middle of the bed, and is
+    held once it was pressed in.
     """
 
     radius: float = 0.125  # m
@@ -83,6 +84,12 @@ class Wheel:
     lowering_speed: float = 0.1  # m/s
     speed: float = 0.1  # m/s
     slip: float = 0.2  # 1 - speed / (rate * radius)
+    lying: bool = False  # a plate
+
+    @property
+    def half_height(self) -> float:
+        """From its centre to its lowest point [m]."""
+        return self.width / 2.0 if self.lying else self.radius
 
     @property
     def rate(self) -> float:
@@ -90,7 +97,11 @@ class Wheel:
         return self.speed / (self.radius * (1.0 - self.slip))
 
     def start(self, bed: Bed) -> np.ndarray:
-        """Centre of the wheel [m], [3], where it stands near the wall at low x, on the highest particle below it."""
+        """Centre [m], [3], of a wheel on the highest particle below it, near the wall at low x, or of a plate, in the middle."""
+        if self.lying:
+            x, y = bed.box[:2].mean(1)
+            below = np.hypot(bed.positions[:, 0] - x, bed.positions[:, 1] - y) < self.radius + bed.radii
+            return np.array([x, y, (bed.positions[below, 2] + bed.radii[below]).max() + self.half_height])
         x = bed.box[0, 0] + self.radius + MARGIN
         y = bed.box[1].mean()
         aside = np.maximum(np.abs(bed.positions[:, 1] - y) - self.width / 2.0, 0.0)
@@ -103,7 +114,7 @@ class Wheel:
 
     def lowering_steps(self, bed: Bed) -> int:
         """Steps until the wheel has its depth, in whole samples."""
-        way = self.start(bed)[2] - self.radius - bed.surface() + self.depth
+        way = self.start(bed)[2] - self.half_height - bed.surface() + self.depth
         return SAMPLE * max(1, round(way / (self.lowering_speed * STEP * SAMPLE)))
 
 

@@ -15,6 +15,7 @@ from cdl_fmu.dem.particles import V_X, W_X, X
 from cdl_fmu.dem.simulation import Simulation, Tool
 from cdl_fmu.frames import axis_rotation
 
+_LYING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # T of a plate: its axle is upright
 MATERIAL = Material(E=YOUNG, nu=POISSON, e=RESTITUTION, mu=FRICTION, mu_r=ROLLING_FRICTION, density=DENSITY)
 
 
@@ -27,7 +28,9 @@ def run(bed: Bed, steps: int, processes: int = 1, wheel: Wheel | None = None, pr
     """As the peers' `run`; `processes` is the number of threads, and `precision` that of contacts."""
     tools = walls(bed)
     if wheel is not None:
-        tools.append(Tool(MATERIAL, wheel=(wheel.radius, wheel.width, 0.0, 0.0, 0.0), r_0=wheel.start(bed)))
+        tools.append(
+            Tool(MATERIAL, wheel=(wheel.radius, wheel.width, 0.0, 0.0, 0.0), r_0=wheel.start(bed), T=_LYING if wheel.lying else np.eye(3))
+        )
     simulation = Simulation(bed.positions, bed.radii, MATERIAL, tools, dt=STEP, threads=processes, precision=precision)
     simulation.bodies[:, V_X : V_X + 3] = bed.velocities
     motion = _Motion(simulation, bed, wheel) if wheel is not None else None
@@ -74,6 +77,8 @@ class _Motion:
             self.feel()
 
     def roll(self) -> None:
+        if self.wheel.lying:
+            return
         self.tool.r_0 = self.tool.r_0 + np.array([self.wheel.speed * SAMPLE * STEP, 0.0, 0.0])
         self.angle += self.wheel.rate * SAMPLE * STEP
         self.tool.T = axis_rotation(2, self.angle)

@@ -65,7 +65,7 @@ def settle(bed: Bed, energy: float = 1e-9) -> Bed:
 
 
 def stl(wheel: Wheel) -> str:
-    """The wheel about the origin as ASCII STL; the corners of its rim lie on the circle, so its flats are 0.15 mm inside."""
+    """The wheel or plate about the origin as ASCII STL; the corners of its rim lie on the circle, so its flats are 0.15 mm inside."""
     angle = 2.0 * math.pi * np.arange(SEGMENTS + 1) / SEGMENTS
     ring = np.column_stack([wheel.radius * np.sin(angle), np.zeros(SEGMENTS + 1), wheel.radius * np.cos(angle)])
     aside = np.array([0.0, wheel.width / 2.0, 0.0])
@@ -74,7 +74,8 @@ def stl(wheel: Wheel) -> str:
         triangles += [(a - aside, b + aside, a + aside), (a - aside, b - aside, b + aside)]
         triangles += [(aside, a + aside, b + aside), (-aside, b - aside, a - aside)]
     lines = ["solid wheel"]
-    for corners in triangles:
+    turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) if wheel.lying else np.eye(3)
+    for corners in np.array(triangles) @ turned.T:
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         lines.append("facet normal {:.9g} {:.9g} {:.9g}\nouter loop".format(*(normal / np.linalg.norm(normal))))
         lines += ["vertex {:.12g} {:.12g} {:.12g}".format(*corner) for corner in corners]
@@ -146,13 +147,18 @@ def _lowered_wheel(bed: Bed, wheel: Wheel) -> str:
             f"fix lower all move/mesh mesh wheel linear 0 0 {-wheel.lowering_speed:.17g}",
             f"run {steps}",
             "unfix lower",
-            # The second motion is in the frame that the first one moves: the wheel turns about its travelling axle.
-            f"fix roll all move/mesh mesh wheel linear {wheel.speed:.17g} 0 0",
-            f"fix turn all move/mesh mesh wheel rotate origin {x:.17g} {y:.17g} {z - wheel.lowering_speed * steps * STEP:.17g} "
-            f"axis 0 1 0 period {2.0 * math.pi / wheel.rate:.17g}",
+            *([] if wheel.lying else _rolling(wheel, x, y, z - wheel.lowering_speed * steps * STEP)),
             "",
         ]
     )
+
+
+def _rolling(wheel: Wheel, x: float, y: float, z: float) -> list[str]:
+    # The second motion is in the frame that the first one moves: the wheel turns about its travelling axle.
+    return [
+        f"fix roll all move/mesh mesh wheel linear {wheel.speed:.17g} 0 0",
+        f"fix turn all move/mesh mesh wheel rotate origin {x:.17g} {y:.17g} {z:.17g} axis 0 1 0 period {2.0 * math.pi / wheel.rate:.17g}",
+    ]
 
 
 def _write_final() -> str:
