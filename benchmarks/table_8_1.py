@@ -110,7 +110,7 @@ def by_domain(folder: Path, names: list[str]) -> dict[str, float]:
     def series(tier: str, of: str, unit: str, sizes, results, note=""):
         power = exponent(sizes, [median for _, median in results])
         worst[tier] = max(worst[tier], power)
-        texts = [f"{size:.0f}: {both(cost)}" for size, cost in zip(sizes, results)]
+        texts = [f"{size:g}: {both(cost)}" for size, cost in zip(sizes, results)]
         rows.append([tier, of, unit, "; ".join(texts), f"{power:.2f}", note])
 
     mesh, finer, faces = trimesh.creation.box((8.0, 4.0, 0.2)), [], []
@@ -173,9 +173,9 @@ def chosen(names: list[str], **of_tiers):
     return [(name, one) for name, one in of_tiers.items() if name in names]
 
 
-def smooth_on_particles(**parameters) -> Vehicle:
-    """Two smooth wheels that were put down on DEM."""
-    vehicle = Vehicle(Instance(DEM(2), **(SOIL | {"n_g": 0} | parameters)), freedom(2), clearance=CLEARANCE, radius=RADIUS)
+def smooth_on_particles(d: float = D) -> Vehicle:
+    """Two smooth wheels that were put down on DEM's particles of this mean diameter [m]."""
+    vehicle = Vehicle(Instance(DEM(2), **(SOIL | {"n_g": 0, "d": d})), freedom(2), clearance=d, radius=RADIUS)
     vehicle.put_down(0.5)
     return vehicle
 
@@ -184,7 +184,7 @@ def by_grains() -> tuple[list[int], list[tuple[float, float]]]:
     """Live particles of two wheels, and cost of a step, with finer grains."""
     live, results = [], []
     for share in (1.4, 1.0, 0.7):
-        vehicle = smooth_on_particles(d=share * D)
+        vehicle = smooth_on_particles(share * D)
         vehicle.rate = 1.0
         vehicle.run(SHORT + FEW * H, H)
         live.append(len(vehicle.instance.pool.live))
