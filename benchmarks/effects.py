@@ -111,7 +111,7 @@ def with_bodies(model, bodies, **parameters) -> Instance:
     """A model with bodies (mesh, position) that stay where they are."""
     for j, (mesh, _) in enumerate(bodies, 1):
         parameters |= {f"body[{j}].mesh": mesh}
-        if "fixed" in model.parameters.fields["body"].record.fields:
+        if "body" in model.parameters.fields and "fixed" in model.parameters.fields["body"].record.fields:
             parameters |= {f"body[{j}].fixed": "on"}
     instance = Instance(model, **parameters)
     for body, (_, position) in zip(instance.u.body, bodies):

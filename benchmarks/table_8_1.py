@@ -270,7 +270,7 @@ def descriptions(folder: Path, names: list[str]) -> None:
         ],
         "BCM": [lambda **p: Instance(BCM(1, 1), **p), lambda **p: Instance(BCM(1, n_grounds=1), ground=ground, **p)],
         "SCM": [lambda **p: Instance(SCM(1), **p)],
-        "DEM": [lambda **p: Instance(DEM(1), **(SOIL | GROUSERS | p))],
+        "DEM": [lambda **p: Instance(DEM(1), box_width=0.3, **(SOIL | GROUSERS | p))],
     }
     wheels, seconds = ["wheel"], ["2nd body"]
     for _, makers in chosen(names, **variants):
@@ -297,13 +297,14 @@ def answers_to(make: Callable[..., Instance], name: str) -> bool:
         wheel = instance.u.wheel[0]
         wheel["T"][:] = axis_rotation(2, 0.3) @ axis_rotation(1, 0.1)
         depth = 0.005 if "reach" in instance.model.parameters.fields else 0.025  # of grousers in rock, of the rim in sand
-        fall = CLEARANCE + 0.01 if isinstance(instance.model, DEM) else 0.0  # particles have to make way
-        depth = 0.01 if fall else depth
+        fall = 0.0
+        if isinstance(instance.model, DEM):  # particles have to make way
+            depth, fall = 0.005, CLEARANCE + 0.005
         wheel.r_0[2] = TIP * math.cos(0.1) + 0.0625 * math.sin(0.1) - depth + fall
         wheel.v_0[0], wheel.w_0[1] = 0.1, 1.0
         instance.initialise()
-        for k in range(1 + round(fall / H)):  # at 1 m/s
-            wheel.r_0[2] -= H * bool(k)
+        for k in range(1 + round(fall / 5e-4)):  # at 0.5 m/s
+            wheel.r_0[2] -= 5e-4 * bool(k)
             instance.step(k * H, H)
         forces.append(np.concatenate([instance.y.wheel[0].f_0, instance.y.wheel[0].t_0]))
     return not np.allclose(forces[0], forces[1], rtol=1e-9, atol=1e-9)
