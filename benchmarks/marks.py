@@ -6,15 +6,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-#: Rows of the chapter's table that carry marks, in the order RBC, VEM, BCM, SCM.
+#: Rows of the chapter's table that carry marks, of each tier.
 CHAPTER = {
-    "Wheel stone contact": ("++", "+", "n/a", "n/a"),
-    "Wheel soft soil contact": ("n/a", "--", "--", "+"),
-    "Computational efficiency": ("++", "++", "+", "--"),
-    "Considered effects": ("--", "--", "+", "+"),
-    "Soil scalability": ("n/a", "++", "++", "--"),
-    "Multiple contacts": ("++", "++", "++", "++"),
-    "Soil deformation": ("n/a", "n/a", "n/a", "+"),
+    "Wheel stone contact": {"RBC": "++", "VEM": "+", "BCM": "n/a", "SCM": "n/a", "DEM": "--"},
+    "Wheel soft soil contact": {"RBC": "n/a", "VEM": "--", "BCM": "--", "SCM": "+", "DEM": "++"},
+    "Computational efficiency": {"RBC": "++", "VEM": "++", "BCM": "+", "SCM": "--", "DEM": "--"},
+    "Considered effects": {"RBC": "--", "VEM": "--", "BCM": "+", "SCM": "+", "DEM": "++"},
+    "Soil scalability": {"RBC": "n/a", "VEM": "++", "BCM": "++", "SCM": "--", "DEM": "--"},
+    "Multiple contacts": {"RBC": "++", "VEM": "++", "BCM": "++", "SCM": "++", "DEM": "+"},
+    "Soil deformation": {"RBC": "n/a", "VEM": "n/a", "BCM": "n/a", "SCM": "+", "DEM": "++"},
 }
 
 #: Own choice of all bounds: the chapter gives none.
@@ -24,7 +24,7 @@ third --, up to two thirds -, below 0.9 +, else ++; n/a where a wheel rests on n
 Computational efficiency: median cost of a step of two wheels over BCM's: up to 0.5 ++, up to 2 +, up to 10 -, else --.
 Soil scalability: largest exponent of that cost with size or resolution of the ground: up to 0.1 ++, up to 0.5 +, up to 1 -, else --.
 Multiple contacts: largest exponent of that cost with wheels or contacts: up to 1.1 ++, up to 1.5 +, up to 2 -, else --.
-Soil deformation: neither rut nor berm n/a, one of them -, both +; ++ is for what deforms below its surface, too.
+Soil deformation: neither rut nor berm n/a, one of them -, both +, and soil that moves by a millimetre below the rut, too, ++.
 """
 
 
@@ -117,4 +117,5 @@ def reading(effect: Effect, answers: dict) -> str:
 
 def of_deformation(answers: dict) -> str:
     """Mark of what a wheel leaves behind."""
-    return ("n/a", "-", "+")[sum(answers[key] > 1e-3 for key in ("rut", "berm"))]
+    rut_and_berm = sum(answers[key] > 1e-3 for key in ("rut", "berm"))
+    return "++" if rut_and_berm == 2 and answers.get("below", 0.0) > 1e-3 else ("n/a", "-", "+")[rut_and_berm]

@@ -123,7 +123,7 @@ class DEM(KernelModel):
             surface=SURFACE,
             d=Real(0.005, "m", "Mean diameter of the particles at the surface", min=1e-5, max=0.1),
             d_spread=Real(0.1, "1", "Largest deviation from the mean, as a share of it", min=0.0, max=0.5),
-            depth=Real(0.15, "m", "Depth of the bed (1.2 radii of the wheel of Table 8.2)", min=1e-3, max=10.0),
+            depth=Real(0.165, "m", "Depth of the bed (1.2 radii of the wheel of Table 8.2, with grousers)", min=1e-3, max=10.0),
             fine_depth=Real(0.0, "m", "Depth from which on particles are coarser; 0 = nowhere", min=0.0, max=10.0),
             box_length=Real(0.4, "m", "Length of the box around a wheel in which the soil moves, along its heading", min=0.0, max=100.0),
             box_width=Real(0.25, "m", "Width of that box (2 widths of the wheel of Table 8.2)", min=0.0, max=100.0),
