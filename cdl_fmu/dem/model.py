@@ -128,7 +128,7 @@ class DEM(KernelModel):
             box_length=Real(0.4, "m", "Length of the box around a wheel in which the soil moves, along its heading", min=0.0, max=100.0),
             box_width=Real(0.25, "m", "Width of that box (2 widths of the wheel of Table 8.2)", min=0.0, max=100.0),
             dt=Real(0.0, "s", "Substep; 0 = the longest that is safely stable", min=0.0, max=1e-2),
-            rest_speed=Real(2e-3, "m/s", "Speed below which particles outside the boxes are at rest", min=0.0, max=1.0),
+            rest_speed=Real(2e-3, "m/s", "Speed, as way over 20 ms, below which particles outside the boxes are at rest", min=0.0, max=1.0),
             patch_spacing=Real(0.03, "m", "Distance of nodes in the patches for other tiers (section 8.4.2)", min=1e-3, max=1.0),
             seed=Real(1.0, "1", "Number of the bed, of those that differ by chance alone", min=0.0, max=1e6),
             threads=Real(1.0, "1", "Threads that share the particles, 0 = all of the machine; no result depends on it", min=0.0, max=256.0),
@@ -242,7 +242,7 @@ class DEM(KernelModel):
 
         boxes = [Box(0.5 * p.box_length, 0.5 * p.box_width)] * n_wheels
         boxes += [Box(*[s[AROUND] + BESIDE * bed.key.largest] * 2) for s in shapes[1 + n_wheels :]]
-        settings = np.array([p.dt or material.time_step(smallest), *_gravity(p)])
+        settings = np.array([p.dt or material.time_step(smallest), *_gravity(p), 0.0])
         patches = (self.sizes["n_patches"], *patch_in(1).fields["patch"].record.fields["z"].shape), p.patch_spacing
         return GrainPool(Ground(bed, p.ground_z), new_tools, meshes, laws[0], settings, boxes, patches, p.rest_speed)
 

@@ -12,13 +12,14 @@ from ..contact import has_pose, is_set
 from ..slave.model import ModelError
 from .columns import SavedGround, ground_from_arrays, ground_to_arrays, keys_of
 from .live import live_of, make_live, touches_of
-from .particles import FREE, PAIRS, SIDE, V_X, V_Z, N, empty_particles, history_of_pairs, set_history_of_pairs
+from .particles import FREE, PAIRS, SIDE, N, X, Z, empty_particles, history_of_pairs, set_history_of_pairs
 from .patches import patch_heights
 from .tools import VELOCITY
 
-#: Steps between two looks at whether what lies outside the boxes has come to rest, and how many looks have to find it at rest: a particle
-#: at the top of its flight does not move either. Own choice.
-_LOOK, _LOOKS = 10, 3
+#: Time between two looks at what lies outside the boxes [s]: a particle that is at the top of its flight has gone on since. Own choice.
+_LOOK = 0.02
+#: Place of the time in the settings.
+TIME = 4
 #: Room beyond what is live, so that it need not be made anew often.
 _SPARE = 1.3
 
@@ -38,21 +39,20 @@ class SavedGrains(NamedTuple):
 
     arrays: dict[str, np.ndarray]
     ground: SavedGround
-    calm: dict[int, int]
 
 
 class GrainPool:
     """Live particles and tools for the kernels, and the ground they are taken from.
 
-    The kernels get the arrays of ``Particles``, of ``Tools``, of ``Meshes``, the law of the particles, the longest substep [s] and gravity
-    [m/s2], and the patches: origin, revision, heights of each.
+    The kernels get the arrays of ``Particles``, of ``Tools``, of ``Meshes``, the law of the particles, the longest substep [s], gravity
+    [m/s2] and time [s], and the patches: origin, revision, heights of each.
 
     Args:
         ground: All the soil.
         new_tools: Makes ``Tools`` for a number of particles: the floor, then wheels, then bodies.
         meshes: Surfaces of the bodies.
         law: Contact law of the particles.
-        settings: Longest substep [s] and gravity [m/s2], [4].
+        settings: Longest substep [s], gravity [m/s2] (3) and the time of the soil [s], [5].
         boxes: Active box of each wheel and body.
         patches: Shape of the patches [n, nodes along x, along y], and distance of their nodes [m].
         rest_speed: Speed below which a particle rests [m/s].
@@ -65,8 +65,10 @@ class GrainPool:
         self._patches = np.zeros((n, 3 + math.prod(self._nodes)))
         self._active = np.zeros(0, np.int64)  # columns that move
         self._wanted = self._active  # those in the boxes
-        self._calm: dict[int, int] = {}  # looks that found a column outside the boxes at rest
-        self._calls = 0
+        # Of the last look: its time [s], particles outside the boxes and where they were, and columns that were at rest.
+        self._looked = 0.0
+        self._seen_ident, self._seen_at = np.zeros(0, np.int64), np.zeros((0, 3))
+        self._resting = np.zeros(0, np.int64)
         self._make_room(1)
 
     def _make_room(self, n: int) -> None:
@@ -84,6 +86,16 @@ class GrainPool:
         return self._grains.body[count[SIDE], : count[N]]
 
     @property
+    def time(self) -> float:
+        """Simulated time of this soil [s]."""
+        return float(self._settings[TIME])
+
+    @property
+    def _ident(self) -> np.ndarray:
+        count = self._grains.count
+        return self._grains.ident[count[SIDE], : count[N]]
+
+    @property
     def highest(self) -> float:
         """Height that no particle of the undisturbed soil reaches above [m]."""
         bed = self.ground.bed
@@ -94,8 +106,7 @@ class GrainPool:
     def reserve(self, u) -> None:
         """Make the columns around the tools live, and store those that rest elsewhere; patches follow their wheels."""
         wanted = self._columns_wanted(u)
-        self._calls += 1
-        look = self._calls % _LOOK == 0
+        look = self.time - self._looked >= _LOOK
         if look or not np.array_equal(wanted, self._wanted):
             self._wanted = wanted
             active = np.union1d(wanted, self._restless(wanted, look))
@@ -128,17 +139,28 @@ class GrainPool:
         return np.unique(np.concatenate(found)) if found else np.zeros(0, np.int64)
 
     def _restless(self, wanted: np.ndarray, look: bool) -> np.ndarray:
-        """Columns outside the boxes whose particles have not been seen at rest often enough."""
-        bodies = self.live[self.live[:, FREE] > 0.0]
-        keys = self.ground.columns_of(bodies)
-        outside = ~np.isin(keys, wanted)
-        fast = (bodies[:, V_X : V_Z + 1] ** 2).sum(axis=1) > self._rest_speed**2
-        columns, moving = np.unique(keys[outside]), set(keys[outside & fast].tolist())
-        calm = {}
-        for key in columns.tolist():
-            calm[key] = 0 if key in moving else self._calm.get(key, 0) + look
-        self._calm = calm
-        return np.array(sorted(key for key, looks in calm.items() if looks < _LOOKS), np.int64)
+        """Columns outside the boxes with particles that went on since the last look; those that tremble where they are rest.
+
+        A particle that is seen for the first time counts as one that went on.
+        """
+        outside = self.live[:, FREE] > 0.0
+        keys = self.ground.columns_of(self.live)
+        outside &= ~np.isin(keys, wanted)
+        keys = keys[outside]
+        if not look:  # columns that have just been left; others stay as they are
+            return np.setdiff1d(keys, self._resting)
+        ident, at = self._ident[outside], self.live[outside, X : Z + 1]
+        order = np.argsort(ident)
+        ident, at, keys = ident[order], at[order], keys[order]
+        place = np.minimum(np.searchsorted(self._seen_ident, ident), max(len(self._seen_ident) - 1, 0))
+        far = np.ones(len(ident), bool)
+        if len(self._seen_ident):
+            known = self._seen_ident[place] == ident
+            longest = self._rest_speed * (self.time - self._looked)
+            far = ~known | (((at - self._seen_at[place]) ** 2).sum(axis=1) > longest**2)
+        self._seen_ident, self._seen_at, self._looked = ident, at, self.time
+        self._resting = np.setdiff1d(keys, keys[far])
+        return np.unique(keys[far])
 
     def _exchange(self) -> None:
         live, touches = live_of(self._grains, self._tools), touches_of(self._grains, self._tools)
@@ -188,10 +210,14 @@ class GrainPool:
             patches=self._patches.copy(),
             active=self._active,
             wanted=self._wanted,
-            calls=np.array(self._calls),
+            settings=self._settings.copy(),
+            looked=np.array(self._looked),
+            seen_ident=self._seen_ident,
+            seen_at=self._seen_at,
+            resting=self._resting,
             law=self._law.copy(),
         )
-        return SavedGrains(arrays, self.ground.save(), self._calm.copy())
+        return SavedGrains(arrays, self.ground.save())
 
     def restore(self, saved: SavedGrains) -> None:
         """Go back, to the same bits."""
@@ -211,14 +237,15 @@ class GrainPool:
         touches = len(s["particle"])
         t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
         self._patches[:] = s["patches"]
-        self._active, self._wanted, self._calls = s["active"], s["wanted"], int(s["calls"])
+        self._active, self._wanted = s["active"], s["wanted"]
+        self._settings[:], self._looked, self._resting = s["settings"], float(s["looked"]), s["resting"]
+        self._seen_ident, self._seen_at = s["seen_ident"], s["seen_at"]
         self.ground.restore(saved.ground)
-        self._calm = saved.calm.copy()
 
     @staticmethod
     def to_bytes(saved: SavedGrains) -> bytes:
         """An archive of arrays."""
-        parts = {**saved.arrays, **ground_to_arrays(saved.ground), "calm": np.array(list(saved.calm.items()), np.int64).reshape(-1, 2)}
+        parts = {**saved.arrays, **ground_to_arrays(saved.ground)}
         memory = io.BytesIO()
         np.savez(memory, **parts)
         return memory.getvalue()
@@ -228,6 +255,5 @@ class GrainPool:
         """What ``to_bytes`` wrote."""
         with np.load(io.BytesIO(data)) as archive:
             parts = dict(archive)
-        calm = {int(key): int(looks) for key, looks in parts.pop("calm")}
         ground = ground_from_arrays(parts)
-        return SavedGrains(parts, ground, calm)
+        return SavedGrains(parts, ground)

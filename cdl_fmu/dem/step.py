@@ -25,6 +25,7 @@ _TOOLS = len(Particles._fields)
 _MESHES = _TOOLS + len(Tools._fields)
 _LAW = _MESHES + len(Meshes._fields)
 _SETTINGS, _PATCHES = _LAW + 1, _LAW + 2
+_TIME = 4
 
 #: What the kernels get: arrays of any length, so that one step serves models of all sizes.
 ARGUMENTS = (
@@ -160,7 +161,7 @@ def step_with(advance):
     ):
         p = P[0]
         grains, tools, meshes, law = arrays[:_TOOLS], arrays[_TOOLS:_MESHES], Meshes(*arrays[_MESHES:_LAW]), arrays[_LAW]
-        dt, gravity = arrays[_SETTINGS][0], arrays[_SETTINGS][1:]
+        dt, gravity = arrays[_SETTINGS][0], arrays[_SETTINGS][1:_TIME]
         _fill_patches(patches, trailing, p.patch_spacing, arrays[_PATCHES])
         if h == 0.0:
             return 0  # forces come with motion: what the last step told holds
@@ -184,6 +185,7 @@ def step_with(advance):
             _send(count, moving, 1 + len(wheels) + i, bodies[i], has_pose(bodies[i]))
         if not advance(grains, tools, meshes, law, gravity, h / n, n):
             return FULL
+        arrays[_SETTINGS][_TIME] += h
         status = 0
         for i in range(len(wheels)):
             felt = moving.sums[1 + i]
