@@ -75,7 +75,7 @@ def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_pa
         python.block[python.slices["u"]] = block[python.slices["u"]] = some_inputs(model, rng)
         python.step(k * h, h)
         if pool is not None:
-            pool.reserve()
+            pool.reserve(python.u)
         native("step", k * h, h)
         assert block.tobytes() == python.block.tobytes()
         outputs.append(block[python.slices["y"]].copy())

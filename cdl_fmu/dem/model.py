@@ -248,17 +248,21 @@ class DEM(KernelModel):
 
     def bed_key(self, p) -> BedKey:
         """What the bed for these parameters is made from. Raises ModelError for parameters that no bed can have."""
-        low, high = (p.d * (1.0 - p.d_spread), p.d * (1.0 + p.d_spread))
-        return BedKey(
+        key = BedKey(
             material=self._material(p),
-            sizes=Uniform(low, high),
+            sizes=Uniform(p.d * (1.0 - p.d_spread), p.d * (1.0 + p.d_spread)),
             porosity=float(p.porosity),
             depth=float(p.depth),
             size=(TILE * p.d, TILE * p.d),
             gravity=_gravity(p),
-            refinement=((float(p.fine_depth), COARSER),) if p.fine_depth else (),
             seed=int(p.seed),
         )
+        if p.fine_depth == 0.0:
+            return key
+        try:
+            return replace(key, refinement=((float(p.fine_depth), COARSER),))
+        except ModelError as error:
+            raise ModelError(f"fine_depth = {p.fine_depth:g} m: {error}") from None
 
     def _material(self, p) -> Material:
         """The grains' material."""
