@@ -1,7 +1,7 @@
 """Substeps: lists where they are too old, forces of particles on each other and of tools, and motion.
 
-Threads share the work by slabs of the bed and by parts of a tool's touches, in an order that depends on no number of threads, so that no
-result does. The pairs of a slab reach into the next one: first the even slabs work at once, then the odd ones.
+Threads share the work by slabs of the bed, and what tools feel is added slab by slab, so that no result depends on the number of threads.
+The pairs of a slab reach into the next one: first the even slabs work at once, then the odd ones.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .lists import fill_pairs, find_pairs, place_pairs, take_lists
 from .motion import move_particles
 from .pairs import slab_forces
 from .particles import CROWDED, SLABS, STALE, Particles
-from .tools import CHUNKS, FELT, Tools, arrive, go_on, set_out
+from .tools import FELT, Tools, arrive, go_on, set_out
 from .touches import gather_felt, list_touches, touch_forces
 
 #: How many substeps lists are made for: margins are as wide as particles move in that time. Own choice, by speed.
@@ -35,7 +35,7 @@ def set_all_out(tools, h, n_steps):
 def move_tools(grains, tools, n_steps, dt):
     """Move all tools by a substep after what they felt in it is added to their sums."""
     for t in range(len(tools.kinds)):
-        gather_felt(tools, t, 1.0 / n_steps)
+        gather_felt(tools, t, grains.count[SLABS], 1.0 / n_steps)
         if go_on(tools, t, dt):
             grains.count[STALE] = 1
 
@@ -45,6 +45,13 @@ def arrive_all(tools):
     """All tools are at their goals."""
     for t in range(len(tools.kinds)):
         arrive(tools, t)
+
+
+@kernel
+def spread(k, n):
+    """The k-th of n slabs (an even number) in an order that gives each thread, which takes some in a row, some of everywhere."""
+    half = n // 2
+    return k * (half + 1 + half % 2) % n  # a factor that has no divisor in common with n
 
 
 @kernel
@@ -82,10 +89,8 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
             slab_forces(grains, law, s)
         for s in range(1, count[SLABS], 2):
             slab_forces(grains, law, s)
-        for t in range(len(tools.kinds)):
-            for chunk in range(CHUNKS):
-                touch_forces(grains, tools, meshes, t, chunk)
         for s in range(count[SLABS]):
+            touch_forces(grains, tools, meshes, s)
             move_particles(grains, dt, gravity, s)
         move_tools(grains, tools, n_steps, dt)
     arrive_all(tools)
@@ -116,11 +121,10 @@ def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n
             slab_forces(Particles(*grains_arrays), law, 2 * np.int64(s))
         for s in numba.prange(half):
             slab_forces(Particles(*grains_arrays), law, 2 * np.int64(s) + 1)
-        for t in range(len(tools.kinds)):
-            for chunk in numba.prange(CHUNKS):
-                touch_forces(Particles(*grains_arrays), Tools(*tools_arrays), meshes, t, np.int64(chunk))
-        for s in numba.prange(count[SLABS]):
-            move_particles(Particles(*grains_arrays), dt, gravity, np.int64(s))
+        for k in numba.prange(count[SLABS]):
+            s = spread(np.int64(k), Particles(*grains_arrays).count[SLABS])
+            touch_forces(Particles(*grains_arrays), Tools(*tools_arrays), meshes, s)
+            move_particles(Particles(*grains_arrays), dt, gravity, s)
         move_tools(grains, tools, n_steps, dt)
     arrive_all(tools)
     return True

@@ -87,14 +87,14 @@ def sort_particles(grains, horizon):
     n_cells = n_x * n_y * n_z
     for c in range(n_cells + 1):
         cells[c] = 0
-        fastest[c] = 0.0
+        fastest[0, c] = 0.0
     for i in range(n):
         c_x = min(int((old[i, X] - x_0) / side_x), n_x - 1)
         c_y = min(int((old[i, Y] - y_0) / side_y), n_y - 1)
         c_z = min(int((old[i, Z] - z_0) / side_z), n_z - 1)
         cell[0, i] = (c_x * n_y + c_y) * n_z + c_z
         cells[cell[0, i] + 1] += 1
-        fastest[cell[0, i]] = max(fastest[cell[0, i]], grains.force[i, 0])
+        fastest[0, cell[0, i]] = max(fastest[0, cell[0, i]], grains.force[i, 0])
     for c in range(n_cells):
         cells[c + 1] += cells[c]
     for i in range(n):  # cells[c] is the next free place of cell c, and in the end where cell c + 1 begins
@@ -105,6 +105,15 @@ def sort_particles(grains, horizon):
     for c in range(n_cells, 0, -1):
         cells[c] = cells[c - 1]
     cells[0] = 0
+    # What lies beside fast particles will be as fast soon.
+    for c in range(n_cells):
+        if cells[c + 1] > cells[c]:
+            c_x, c_y, c_z, fast = c // (n_z * n_y), (c // n_z) % n_y, c % n_z, 0.0
+            for b_x in range(max(c_x - 1, 0), min(c_x + 2, n_x)):
+                for b_y in range(max(c_y - 1, 0), min(c_y + 2, n_y)):
+                    for b_z in range(max(c_z - 1, 0), min(c_z + 2, n_z)):
+                        fast = max(fast, fastest[0, (b_x * n_y + b_y) * n_z + b_z])
+            fastest[1, c] = fast
     for i in range(n):
         a = order[i]
         for k in range(PARTICLE):
@@ -113,14 +122,7 @@ def sort_particles(grains, horizon):
         if grains.orientation.shape[1] > 0:
             for k in range(4):
                 grains.orientation[1 - side, i, k] = grains.orientation[side, a, k]
-        # What lies beside fast particles will be as fast soon.
-        c, fast = cell[1, i], 0.0
-        c_x, c_y, c_z = c // (n_z * n_y), (c // n_z) % n_y, c % n_z
-        for b_x in range(max(c_x - 1, 0), min(c_x + 2, n_x)):
-            for b_y in range(max(c_y - 1, 0), min(c_y + 2, n_y)):
-                for b_z in range(max(c_z - 1, 0), min(c_z + 2, n_z)):
-                    fast = max(fast, fastest[(b_x * n_y + b_y) * n_z + b_z])
-        margin = min(max(fast * horizon, LEAST_MARGIN * new[i, R]), LARGEST_MARGIN * new[i, R])
+        margin = min(max(fastest[1, cell[1, i]] * horizon, LEAST_MARGIN * new[i, R]), LARGEST_MARGIN * new[i, R])
         built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], new[i, R] + margin
     for i in range(n):
         grains.force[i, 0] = 0.0

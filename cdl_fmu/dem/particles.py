@@ -60,7 +60,7 @@ class Particles(NamedTuple):
         found: Partners as they are found, slab by slab, int32 [m].
         cell: Cell of each particle in the old and in the new order, int64 [2, n].
         cells: Where the particles of each cell begin, int64.
-        fastest: Largest speed in each cell [m/s].
+        fastest: Largest speed in each cell, and in it and around it [m/s].
         order: Index that each particle had before its list was made, int64 [n].
         slabs: Where the particles of each slab begin, int64 [MOST_SLABS + 1].
         blocks: Memory of each slab's work, [MOST_SLABS, BUFFER * LENGTH], or SHAPED_BUFFER.
@@ -111,7 +111,7 @@ def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: 
         found=np.zeros(pairs, np.int32),
         cell=np.zeros((2, n), np.int64),
         cells=np.zeros(4 * n + 1000, np.int64),
-        fastest=np.zeros(4 * n + 1000),
+        fastest=np.zeros((2, 4 * n + 1000)),
         order=np.arange(n),
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
         blocks=np.zeros((MOST_SLABS, (SHAPED_BUFFER if shape else BUFFER) * LENGTH), precision),

@@ -203,6 +203,7 @@ class GrainPool:
             present=t.present.copy(),
             poses=t.poses.copy(),
             margins=t.margins.copy(),
+            touch_slabs=t.slabs.copy(),
             sums=t.sums.copy(),
             touch_first=t.first[side].copy(),
             particle=t.particle[side, :touches].copy(),
@@ -235,6 +236,7 @@ class GrainPool:
         t.present[:], t.poses[:], t.margins[:], t.sums[:] = s["present"], s["poses"], s["margins"], s["sums"]
         t.goals[:] = t.poses[:, :VELOCITY]  # where all tools are between steps, those that are away, too
         touches = len(s["particle"])
+        t.slabs[:] = s["touch_slabs"]
         t.first[side], t.particle[side, :touches], t.kept[side, :touches] = s["touch_first"], s["particle"], s["kept"]
         self._patches[:] = s["patches"]
         self._active, self._wanted = s["active"], s["wanted"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..mesh.surface import Surface
 from ..slave.kernel import kernel
+from .particles import MOST_SLABS
 from .touch import MOST
 
 #: Kinds of tools: a half space below the plane through its origin, z outwards; the parametric wheel; a body with a closed mesh.
@@ -23,8 +24,6 @@ POSITION, ROTATION, VELOCITY, SPIN, POSE = 0, 3, 12, 15, 18
 FORCE, TORQUE, TENSOR, DAMPER, MIDDLE, CONTACTS, DEEPEST, FELT = 0, 3, 6, 12, 18, 21, 22, 23
 #: Columns of what is kept of a contact with a particle: normal, tangential displacement [m], rolling angle [rad].
 NORMAL, SLID, ROLLED, KEPT = 0, 3, 6, 9
-#: Parts that the touches of a tool are worked on in; the order in which their forces are added depends on no number of threads.
-CHUNKS = 16
 
 
 class Tools(NamedTuple):
@@ -40,14 +39,15 @@ class Tools(NamedTuple):
         goals: Poses at the step's end: position and T, [n, VELOCITY].
         turns: Rotation from one substep to the next, of the rows of T: T_next = T turn, [n, 9].
         margins: How far a tool's surface may move until its list is too old, and how far it has moved [m], [n, 2].
-        felt: What each part of a tool's touches adds, [n, CHUNKS, FELT].
+        felt: What the touches of each slab of the bed add, [n, MOST_SLABS, FELT].
         sums: What each tool feels, means over the step, [n, FELT].
         first: Where the touches of each tool begin, int64 [2, n + 1].
+        slabs: Where the touches of each tool begin in each slab of the bed, int64 [n, MOST_SLABS + 1].
         particle: Particle of each touch, int32 [2, k].
         kept: History of each touch, [2, k, MOST, KEPT].
         slots: Memory: touch of each particle.
-        rows: Memory: contacts of the particle at hand, [CHUNKS, 2 * MOST, KEPT].
-        stack: Memory of the search in meshes, int64 [CHUNKS, 256].
+        rows: Memory: contacts of the particle at hand, [MOST_SLABS, 2 * MOST, KEPT].
+        stack: Memory of the search in meshes, int64 [MOST_SLABS, 256].
     """
 
     kinds: np.ndarray
@@ -62,6 +62,7 @@ class Tools(NamedTuple):
     felt: np.ndarray
     sums: np.ndarray
     first: np.ndarray
+    slabs: np.ndarray
     particle: np.ndarray
     kept: np.ndarray
     slots: np.ndarray
@@ -102,14 +103,15 @@ def tools_of(kinds, shapes, roots, laws, n_particles) -> Tools:
         goals=poses[:, :VELOCITY].copy(),
         turns=np.zeros((n, 9)),
         margins=np.zeros((n, 2)),
-        felt=np.zeros((n, CHUNKS, FELT)),
+        felt=np.zeros((n, MOST_SLABS, FELT)),
         sums=np.zeros((n, FELT)),
         first=np.zeros((2, n + 1), np.int64),
+        slabs=np.zeros((n, MOST_SLABS + 1), np.int64),
         particle=np.zeros((2, touches), np.int32),
         kept=np.zeros((2, touches, MOST, KEPT)),
         slots=np.zeros(n_particles, np.int64),
-        rows=np.zeros((CHUNKS, 2 * MOST, KEPT)),
-        stack=np.zeros((CHUNKS, 256), np.int64),
+        rows=np.zeros((MOST_SLABS, 2 * MOST, KEPT)),
+        stack=np.zeros((MOST_SLABS, 256), np.int64),
     )
 
 

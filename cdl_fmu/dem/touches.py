@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from ..slave.kernel import kernel
 from .law import HALF, PULL, RETURNED, respond
-from .particles import FREE, SIDE, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, N, R, X, Y, Z
+from .particles import FREE, SIDE, SLABS, V_X, V_Y, V_Z, W_X, W_Y, W_Z, M, N, R, X, Y, Z
 from .shape import acting, shape_torque
 from .tools import (
     AROUND,
     B_W,
-    CHUNKS,
     CONTACTS,
     DAMPER,
     DEEPEST,
@@ -79,7 +78,11 @@ def list_touches(grains, tools, meshes, horizon):
             slots[tools.particle[old, known]] = known
         tools.margins[t, 0] = 1.2 * surface_speed(tools, t) * horizon + 1e-5  # own choice; 10 um: a tool that begins to move
         tools.margins[t, 1] = 0.0
+        slab = 0
         for i in range(n):
+            while i == grains.slabs[slab]:
+                tools.slabs[t, slab] = k
+                slab += 1
             if body[i, FREE] == 0.0:
                 continue
             reach = grains.built[i, 3] + tools.margins[t, 0]
@@ -94,31 +97,46 @@ def list_touches(grains, tools, meshes, horizon):
                     tools.kept[new, k, m, c] = tools.kept[old, known, m, c] if known >= 0 else 0.0
             k += 1
         first[t + 1] = k
+        for later in range(slab, count[SLABS] + 1):
+            tools.slabs[t, later] = k
         for known in range(before, after):
             slots[tools.particle[old, known]] = -1
     return True
 
 
 @kernel
-def touch_forces(grains, tools, meshes, t, chunk):
-    """Add the forces of a part of tool t's touches to its particles and to what the tool feels."""
+def touch_forces(grains, tools, meshes, slab):
+    """Add the forces of tools to the particles of a slab, and to what the tools feel."""
+    for t in range(len(tools.kinds)):
+        if tools.slabs[t, slab + 1] > tools.slabs[t, slab]:
+            _touch_forces(grains, tools, meshes, t, slab)
+
+
+@kernel
+def _is_row(kept, m):
+    """Whether row m of a touch is in use: it has a normal."""
+    return kept[m, NORMAL] != 0.0 or kept[m, NORMAL + 1] != 0.0 or kept[m, NORMAL + 2] != 0.0
+
+
+@kernel
+def _touch_forces(grains, tools, meshes, t, slab):
     side = grains.count[SIDE]
     body, force, particle, kept = grains.body[side], grains.force, tools.particle[side], tools.kept[side]
-    pose, law, felt = tools.poses[t], tools.laws[t], tools.felt[t, chunk]
-    rows, before = tools.rows[chunk], tools.rows[chunk, MOST:]
+    pose, law, felt = tools.poses[t], tools.laws[t], tools.felt[t, slab]
+    rows, before = tools.rows[slab], tools.rows[slab, MOST:]
     orientation = grains.orientation[side]
     shaped = len(orientation) > 0
-    begin, number = tools.first[side, t], tools.first[side, t + 1] - tools.first[side, t]
-    for k in range(begin + (number * chunk) // CHUNKS, begin + (number * (chunk + 1)) // CHUNKS):
+    for k in range(tools.slabs[t, slab], tools.slabs[t, slab + 1]):
         i = particle[k]
         x, y, z, r = body[i, X], body[i, Y], body[i, Z], body[i, R]
-        found = rows_of(tools, meshes, t, x, y, z, r, tools.stack[chunk], rows)
-        if found == 0 and kept[k, 0, NORMAL] == kept[k, 0, NORMAL + 1] == kept[k, 0, NORMAL + 2] == 0.0:
+        found = rows_of(tools, meshes, t, x, y, z, r, tools.stack[slab], rows)
+        if found == 0 and not _is_row(kept[k], 0):
             continue
-        for m in range(MOST):
+        known = used = 0  # rows of the last substep, and of this one
+        while known < MOST and _is_row(kept[k], known):
             for c in range(KEPT):
-                before[m, c] = kept[k, m, c]
-                kept[k, m, c] = 0.0
+                before[known, c] = kept[k, known, c]
+            known += 1
         for m in range(found):
             distance, l_x, l_y, l_z = rows[m, DISTANCE], rows[m, ACROSS], rows[m, ACROSS + 1], rows[m, ACROSS + 2]
             if distance >= r:
@@ -128,7 +146,7 @@ def touch_forces(grains, tools, meshes, t, chunk):
             n_z = pose[ROTATION + 2] * l_x + pose[ROTATION + 5] * l_y + pose[ROTATION + 8] * l_z
             # The contact of the last substep with the nearest normal is this one.
             same, cosine = -1, _SAME
-            for q in range(MOST):
+            for q in range(known):
                 c = before[q, NORMAL] * n_x + before[q, NORMAL + 1] * n_y + before[q, NORMAL + 2] * n_z
                 if c > cosine:
                     same, cosine = q, c
@@ -160,9 +178,10 @@ def touch_forces(grains, tools, meshes, t, chunk):
                 turned = orientation[i, 0], orientation[i, 1], orientation[i, 2], orientation[i, 3]
                 s_x, s_y, s_z = acting(shape_torque(grains.figure, turned, (n_x, n_y, n_z)), w, law[RETURNED])
                 q_x, q_y, q_z = q_x + moment * s_x, q_y + moment * s_y, q_z + moment * s_z
-            kept[k, m, NORMAL], kept[k, m, NORMAL + 1], kept[k, m, NORMAL + 2] = n_x, n_y, n_z
-            kept[k, m, SLID], kept[k, m, SLID + 1], kept[k, m, SLID + 2] = shear
-            kept[k, m, ROLLED], kept[k, m, ROLLED + 1], kept[k, m, ROLLED + 2] = roll
+            kept[k, used, NORMAL], kept[k, used, NORMAL + 1], kept[k, used, NORMAL + 2] = n_x, n_y, n_z
+            kept[k, used, SLID], kept[k, used, SLID + 1], kept[k, used, SLID + 2] = shear
+            kept[k, used, ROLLED], kept[k, used, ROLLED + 1], kept[k, used, ROLLED + 2] = roll
+            used += 1
             t_x, t_y, t_z = f_t
             f_x, f_y, f_z = f_n * n_x + t_x, f_n * n_y + t_y, f_n * n_z + t_z
             force[i, 0] += f_x
@@ -185,6 +204,9 @@ def touch_forces(grains, tools, meshes, t, chunk):
             felt[MIDDLE + 2] += s_n * p_z
             felt[CONTACTS] += 1.0
             felt[DEEPEST] = max(felt[DEEPEST], 1.0 - distance / r)
+        for m in range(used, known):
+            for c in range(KEPT):
+                kept[k, m, c] = 0.0
 
 
 @kernel
@@ -199,12 +221,13 @@ def add_stiffness(felt, at, s, n_x, n_y, n_z):
 
 
 @kernel
-def gather_felt(tools, t, share):
-    """Add this share of what the parts of tool t's touches felt in a substep to its sums, and clear the parts."""
-    for chunk in range(CHUNKS):
-        felt = tools.felt[t, chunk]
-        tools.sums[t, DEEPEST] = max(tools.sums[t, DEEPEST], felt[DEEPEST])
-        for c in range(DEEPEST):
-            tools.sums[t, c] += share * felt[c]
-        for c in range(FELT):
-            felt[c] = 0.0
+def gather_felt(tools, t, n_slabs, share):
+    """Add this share of what tool t felt in a substep in each of the slabs to its sums, and clear them."""
+    for slab in range(n_slabs):
+        if tools.slabs[t, slab + 1] > tools.slabs[t, slab]:
+            felt = tools.felt[t, slab]
+            tools.sums[t, DEEPEST] = max(tools.sums[t, DEEPEST], felt[DEEPEST])
+            for c in range(DEEPEST):
+                tools.sums[t, c] += share * felt[c]
+            for c in range(FELT):
+                felt[c] = 0.0

