@@ -291,9 +291,13 @@ def small_bed(shape, **options):
 
 @pytest.mark.parametrize("shape", [CUBE, HEXAGON, Shape(aspect=1.2), Shape(aspect=1.5)], ids=str)
 def test_a_bed_of_grains_comes_to_rest_without_rolling_friction(shape):
-    simulation = small_bed(shape)
-    simulation.step(0.8)
-    assert simulation.kinetic_energy < 2e-3 * simulation.bodies[:, M].sum() * G * RADIUS  # cubes without loss: 1.7
+    simulation, energies = small_bed(shape), []
+    simulation.step(0.6)
+    for _ in range(5):
+        simulation.step(0.05)
+        energies.append(simulation.kinetic_energy)
+    # Cubes without loss: 1.7. Now and then a grain still falls into place.
+    assert np.median(energies) < 2e-3 * simulation.bodies[:, M].sum() * G * RADIUS
     assert simulation.tools[0].f_0[2] == pytest.approx(-simulation.bodies[:, M].sum() * G, rel=0.01)
 
 

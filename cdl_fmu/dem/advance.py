@@ -1,7 +1,8 @@
 """Substeps: lists where they are too old, forces of particles on each other and of tools, and motion.
 
-Threads share the work by slabs of the bed, and what tools feel is added slab by slab, so that no result depends on the number of threads.
-The pairs of a slab reach into the next one: first the even slabs work at once, then the odd ones.
+The pairs of a slab of the bed reach into the next one. Threads share runs of slabs: first the pairs of each run's last slab, then all
+others in a row, and each slab moves as soon as the forces on it are known, while it is in the processor's cache. Runs do not depend on the
+number of threads, and what tools feel is added slab by slab, so that no result does.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from .touches import gather_felt, list_touches, touch_forces
 
 #: How many substeps lists are made for: margins are as wide as particles move in that time. Own choice, by speed.
 HORIZON = 60
+#: Most runs of slabs, and thus most threads that have work.
+MOST_RUNS = 32
 
 
 @kernel
@@ -48,10 +51,27 @@ def arrive_all(tools):
 
 
 @kernel
-def spread(k, n):
-    """The k-th of n slabs (an even number) in an order that gives each thread, which takes some in a row, some of everywhere."""
-    half = n // 2
-    return k * (half + 1 + half % 2) % n  # a factor that has no divisor in common with n
+def runs_of(grains):
+    """Number of runs of slabs: at least three in each."""
+    return max(1, min(MOST_RUNS, grains.count[SLABS] // 3))
+
+
+@kernel
+def end_run(grains, law, run):
+    """Forces of the pairs of a run's last slab, which reach into the next run."""
+    slab_forces(grains, law, (run + 1) * grains.count[SLABS] // runs_of(grains) - 1)
+
+
+@kernel
+def do_run(grains, tools, meshes, law, gravity, dt, run):
+    """Forces of all other pairs of a run, and of tools, and motion."""
+    n = grains.count[SLABS]
+    last = (run + 1) * n // runs_of(grains) - 1
+    for slab in range(run * n // runs_of(grains), last + 1):
+        if slab < last:
+            slab_forces(grains, law, slab)
+        touch_forces(grains, tools, meshes, slab)
+        move_particles(grains, dt, gravity, slab)
 
 
 @kernel
@@ -85,13 +105,10 @@ def advance(grains_arrays, tools_arrays, meshes, law, gravity, dt, n_steps):
             for s in range(count[SLABS]):
                 fill_pairs(grains, s)
             take_lists(grains)
-        for s in range(0, count[SLABS], 2):
-            slab_forces(grains, law, s)
-        for s in range(1, count[SLABS], 2):
-            slab_forces(grains, law, s)
-        for s in range(count[SLABS]):
-            touch_forces(grains, tools, meshes, s)
-            move_particles(grains, dt, gravity, s)
+        for run in range(runs_of(grains)):
+            end_run(grains, law, run)
+        for run in range(runs_of(grains)):
+            do_run(grains, tools, meshes, law, gravity, dt, run)
         move_tools(grains, tools, n_steps, dt)
     arrive_all(tools)
     return True
@@ -116,15 +133,10 @@ def advance_in_parallel(grains_arrays, tools_arrays, meshes, law, gravity, dt, n
             for s in numba.prange(count[SLABS]):
                 fill_pairs(Particles(*grains_arrays), np.int64(s))
             take_lists(grains)
-        half = count[SLABS] // 2
-        for s in numba.prange(half):
-            slab_forces(Particles(*grains_arrays), law, 2 * np.int64(s))
-        for s in numba.prange(half):
-            slab_forces(Particles(*grains_arrays), law, 2 * np.int64(s) + 1)
-        for k in numba.prange(count[SLABS]):
-            s = spread(np.int64(k), Particles(*grains_arrays).count[SLABS])
-            touch_forces(Particles(*grains_arrays), Tools(*tools_arrays), meshes, s)
-            move_particles(Particles(*grains_arrays), dt, gravity, s)
+        for run in numba.prange(runs_of(grains)):
+            end_run(Particles(*grains_arrays), law, np.int64(run))
+        for run in numba.prange(runs_of(grains)):
+            do_run(Particles(*grains_arrays), Tools(*tools_arrays), meshes, law, gravity, dt, np.int64(run))
         move_tools(grains, tools, n_steps, dt)
     arrive_all(tools)
     return True

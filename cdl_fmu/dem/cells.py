@@ -126,12 +126,10 @@ def sort_particles(grains, horizon):
         built[i, 0], built[i, 1], built[i, 2], built[i, 3] = new[i, X], new[i, Y], new[i, Z], new[i, R] + margin
     for i in range(n):
         grains.force[i, 0] = 0.0
-    # Slabs of whole layers of cells, an even number of them.
-    slabs = min(2 * ((n_x + 1) // 2), MOST_SLABS)
-    if period_x > 0.0 and n_x % 2 == 1:
-        slabs = min(n_x - 1, MOST_SLABS)
+    # Slabs of whole layers of cells.
+    slabs = min(n_x, MOST_SLABS)
     for s in range(slabs):
-        grains.slabs[s] = cells[min((s * n_x) // slabs if period_x > 0.0 else (s * (n_x + n_x % 2)) // slabs, n_x) * n_y * n_z]
+        grains.slabs[s] = cells[(s * n_x) // slabs * n_y * n_z]
     grains.slabs[slabs] = n
     count[SLABS] = slabs
     return True
