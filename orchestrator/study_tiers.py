@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cdl_fmu.dem.material import Material
-
 from .run import RunError
 from .single_wheel import Sweep, run_sweep
 from .virtual import SOIL_FILE, VirtualSoil, run_virtual_tests
@@ -73,7 +71,7 @@ def study_tiers(
         RunError: Points failed; those that did not are in the folder.
     """
     soil = run_virtual_tests(given, out, status=status)
-    grains = {f"dem.grain.{name}": value for name, value in _grains(soil.material).items()}
+    grains = {f"dem.grain.{name}": value for name, value in soil.grains.items()}
     common = {**WHEEL, **TESTBED, **GRAINS, **grains, "dem.grains": "given", "dem.porosity": given["porosity"], **(overrides or {})}
     keys = {"slip": list(slips), "tier": list(TIERS)}
     sweep = run_sweep(keys, "single_wheel", out, soil=str(out / SOIL_FILE), overrides=common, processes=processes, status=status)
@@ -84,7 +82,3 @@ def study_tiers(
     if sweep.failed:
         raise RunError("\n".join(sweep.failures()))
     return study
-
-
-def _grains(material: Material) -> dict[str, float]:
-    return {name: getattr(material, name) for name in ("E", "nu", "e", "mu", "mu_r", "cohesion", "density")}

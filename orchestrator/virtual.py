@@ -48,13 +48,17 @@ class VirtualSoil:
     repose: tuple[float, ...]
     pressure: Mapping[float, float]
 
+    @property
+    def grains(self) -> dict[str, float]:
+        """Numbers of the grains by their names as parameters."""
+        return {name: getattr(self.material, name) for name in ("E", "nu", "e", "mu", "mu_r", "cohesion", "density")}
+
     def facts(self) -> dict[str, object]:
         """All of it for ``--json``; SI units."""
         values = {key: value.value for key, value in self.found.values.items()}
-        grains = {name: getattr(self.material, name) for name in ("E", "nu", "e", "mu", "mu_r", "cohesion", "density")}
         return {
             "given": dict(self.given),
-            "grains": grains,
+            "grains": self.grains,
             "found": values,
             "repose_rad": list(self.repose),
             "pressure_at_20_mm_Pa": {f"{diameter:g}": p for diameter, p in self.pressure.items()},

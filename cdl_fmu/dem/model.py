@@ -10,7 +10,8 @@ import numpy as np
 
 from ..contact import WHEEL_EVENTS
 from ..frames import vertical
-from ..mesh.surface import Surface, join, load_surface, nothing
+from ..mesh.pool import surface_in
+from ..mesh.surface import join, nothing
 from ..slave.interface import (
     ENVIRONMENT,
     body_pose,
@@ -68,15 +69,17 @@ _SAME = 1e-3
 
 _MEASURED = {name: SOIL.fields[name] for name in ("phi", "c", "rho")}
 
+_DEFAULT = Material()
+
 #: Grains and their contacts.
 GRAIN = Record(
-    E=Real(1e7, "Pa", "Young's modulus of grains, softer than real ones: overlaps stay below 1 % of d", min=1e4, max=1e12),
-    nu=Real(0.3, "1", "Poisson's ratio", min=0.0, max=0.49),
-    e=Real(0.5, "1", "Coefficient of restitution", min=0.01, max=1.0),
-    mu=Real(0.5, "1", "Coefficient of friction", min=0.0, max=5.0),
-    mu_r=Real(0.1, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
-    cohesion=Real(0.0, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
-    density=Real(2600.0, "kg/m3", "Density of the grains", min=100.0, max=2e4),
+    E=Real(_DEFAULT.E, "Pa", "Young's modulus of grains, softer than real ones: overlaps stay below 1 % of d", min=1e4, max=1e12),
+    nu=Real(_DEFAULT.nu, "1", "Poisson's ratio", min=0.0, max=0.49),
+    e=Real(_DEFAULT.e, "1", "Coefficient of restitution", min=0.01, max=1.0),
+    mu=Real(_DEFAULT.mu, "1", "Coefficient of friction", min=0.0, max=5.0),
+    mu_r=Real(_DEFAULT.mu_r, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
+    cohesion=Real(_DEFAULT.cohesion, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
+    density=Real(_DEFAULT.density, "kg/m3", "Density of the grains", min=100.0, max=2e4),
     rotation=Choice(
         "Rotation geometry, by which grains roll, beside mu_r (section 8.3.18)",
         sphere="as spheres",
@@ -180,7 +183,8 @@ class DEM(KernelModel):
 
     def check(self, p) -> None:
         check_wheel(p)
-        check_feature("h_g", p.h_g, p.d) if p.n_g > 0.0 and p.h_g > 0.0 else None
+        if p.n_g > 0.0 and p.h_g > 0.0:
+            check_feature("h_g", p.h_g, p.d)
         check_box(p.box_width, p.depth, p.b_w, tip_radius.py_func(p))
         self._check_memory(p)
         if p.box_length < 2.0 * tip_radius.py_func(p):
@@ -223,7 +227,7 @@ class DEM(KernelModel):
             )
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         names = [*["wheel_mesh"] * n_wheels, *(f"body[{i + 1}].mesh" for i in range(n_bodies))]
-        surfaces = [_surface(name, files) for name in names]
+        surfaces = [surface_in(name, files) for name in names]
         meshes = join(given) if (given := [surface for surface in surfaces if surface]) else nothing()
         roots, shapes, kinds = [-1], [np.zeros(SHAPE)], [PLANE]
         placed = iter(meshes.roots)
@@ -296,12 +300,3 @@ def _check_bed(p, bed: Bed) -> None:
     if abs(bed.porosity - p.porosity) > TOLERANCE:
         warnings.warn(f"porosity = {p.porosity:g}: the bed has {bed.porosity:.4f}", stacklevel=2)
     check_overlap(bed.key.material, (1.0 - bed.porosity) * bed.key.material.density * gravity * bed.key.depth)
-
-
-def _surface(name: str, files) -> Surface | None:
-    if name not in files:
-        return None
-    try:
-        return load_surface(files[name])
-    except ModelError as error:
-        raise ModelError(f"{name} = {error}") from None

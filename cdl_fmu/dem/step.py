@@ -13,6 +13,7 @@ from ..terramechanics import slip_ratio
 from .advance import advance, advance_in_parallel
 from .law import STEP
 from .particles import SIDE, STALE, Particles, X, Y, Z
+from .pool import TIME
 from .tools import DAMPER, DEEPEST, FORCE, MIDDLE, NORMAL, POSITION, ROTATION, TENSOR, TORQUE, VELOCITY, Tools
 
 #: Status numbers beside those of wheels.
@@ -25,7 +26,6 @@ _TOOLS = len(Particles._fields)
 _MESHES = _TOOLS + len(Tools._fields)
 _LAW = _MESHES + len(Meshes._fields)
 _SETTINGS, _PATCHES = _LAW + 1, _LAW + 2
-_TIME = 4
 
 #: What the kernels get: arrays of any length, so that one step serves models of all sizes.
 ARGUMENTS = (
@@ -161,7 +161,7 @@ def step_with(advance):
     ):
         p = P[0]
         grains, tools, meshes, law = arrays[:_TOOLS], arrays[_TOOLS:_MESHES], Meshes(*arrays[_MESHES:_LAW]), arrays[_LAW]
-        dt, gravity = arrays[_SETTINGS][0], arrays[_SETTINGS][1:_TIME]
+        dt, gravity = arrays[_SETTINGS][0], arrays[_SETTINGS][1:TIME]
         _fill_patches(patches, trailing, p.patch_spacing, arrays[_PATCHES])
         if h == 0.0:
             return 0  # forces come with motion: what the last step told holds
@@ -185,7 +185,7 @@ def step_with(advance):
             _send(count, moving, 1 + len(wheels) + i, bodies[i], has_pose(bodies[i]))
         if not advance(grains, tools, meshes, law, gravity, h / n, n):
             return FULL
-        arrays[_SETTINGS][_TIME] += h
+        arrays[_SETTINGS][TIME] += h
         status = 0
         for i in range(len(wheels)):
             felt = moving.sums[1 + i]

@@ -61,8 +61,8 @@ def tool_surfaces(p, n_bodies: int, files: dict[str, Path]) -> Meshes:
     Raises:
         ModelError: A file does not hold a closed mesh in metres, or the grousers do not fit; the message begins with the parameter's name.
     """
-    surfaces: list[Surface | None] = [_read(f"body[{j + 1}].mesh", files) for j in range(n_bodies)]
-    own = _read("wheel_mesh", files)
+    surfaces: list[Surface | None] = [surface_in(f"body[{j + 1}].mesh", files) for j in range(n_bodies)]
+    own = surface_in("wheel_mesh", files)
     surfaces += [None if own else _plates(p), own]
     given = [surface for surface in surfaces if surface is not None]
     meshes = join(given) if given else nothing()
@@ -76,7 +76,8 @@ def tool_surfaces(p, n_bodies: int, files: dict[str, Path]) -> Meshes:
     return meshes._replace(roots=roots, spheres=spheres)
 
 
-def _read(name: str, files: dict[str, Path]) -> Surface | None:
+def surface_in(name: str, files: dict[str, Path]) -> Surface | None:
+    """Surface of the mesh of this parameter, None if no file is given. Raises ModelError, whose message begins with the name."""
     if name not in files:
         return None
     try:
