@@ -70,7 +70,7 @@ def study_tiers(
         ModelError, ExperimentError: see ``run_virtual_tests`` and :func:`orchestrator.simulate`.
         RunError: Points failed; those that did not are in the folder.
     """
-    soil = run_virtual_tests(given, out, status=status)
+    soil = run_virtual_tests(given, out, seeds=0, status=status)
     grains = {f"dem.grain.{name}": value for name, value in soil.grains.items()}
     common = {**WHEEL, **TESTBED, **GRAINS, **grains, "dem.grains": "given", "dem.porosity": given["porosity"], **(overrides or {})}
     keys = {"slip": list(slips), "tier": list(TIERS)}

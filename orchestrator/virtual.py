@@ -26,8 +26,8 @@ PLATES, SHEAR, SOIL_FILE = "plates.csv", "shear.csv", "soil.toml"
 COMPARED = 0.02
 _SPREAD = 0.1  # of diameters, each way
 # Own choices, in mean diameters: sides and depths of the tiles that are sheared and that stand as a slope.
-_SHEARED, _SLOPE = (16.0, 16.0), (60.0, 24.0)
-_BREADTH = 12.0
+_SHEARED, _SLOPE = (16.0, 16.0), (40.0, 16.0)
+_BREADTH = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def run_virtual_tests(
         given: phi [rad], c [Pa], rho [kg/m3] and porosity.
         out: Folder.
         d: Mean diameter of the particles [m].
-        seeds: Number of beds on which the angle of repose is measured.
+        seeds: Number of beds on which the angle of repose is measured, each in minutes; 0 leaves it out.
         threads: Number of threads.
         material: The grains; None: by the a-priori procedure from ``given``.
         status: Called with what is being done, and the time left of it.
