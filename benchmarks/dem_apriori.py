@@ -26,7 +26,7 @@ from cdl_fmu.dem.virtual.shear import shear
 from cdl_fmu.slave.model import ModelError
 
 #: Friction and rolling friction: the line along which strength grows, see ``apriori``; and porosities.
-FRICTIONS = ((0.3, 0.0), (0.5, 0.0), (0.5, 0.1), (0.5, 0.25), (0.5, 0.6), (0.8, 0.6), (0.8, 1.2))
+FRICTIONS = ((0.3, 0.0), (0.5, 0.0), (0.5, 0.1), (0.5, 0.25), (0.5, 0.4), (0.5, 0.6), (0.8, 0.6), (0.8, 1.2))
 POROSITIES, SEEDS = (0.46, 0.43, 0.4), (0, 1)
 PRESSURE, INERTIAL_NUMBER, STRAIN = 1e4, 3e-3, 0.35
 SIZES, DEPTH, SIZE = Uniform(4.5e-3, 5.5e-3), 0.06, (0.066, 0.066)

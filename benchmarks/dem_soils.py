@@ -92,6 +92,17 @@ class Case:
             n=law.n,
         )
 
+    def bearing(self) -> dict[str, object]:
+        """k_eq at 20 mm [Pa/m] of the middle plate on rigid-plastic soil of this phi, c and rho (Meyerhof 1963), and over the soil's."""
+        phi, c, rho, g = (*(self.soil[key] for key in ("phi", "c", "rho")), math.hypot(*SOILS[self.name]))
+        passive = math.tan(math.pi / 4.0 + phi / 2.0) ** 2
+        n_q = passive * math.exp(math.pi * math.tan(phi))
+        of_cohesion = (n_q - 1.0) / math.tan(phi) * (1.0 + 0.2 * passive)  # factors of shape: a plate as wide as long
+        of_depth, of_width = n_q, (n_q - 1.0) * math.tan(1.4 * phi)
+        p = c * of_cohesion + rho * g * (SINKAGE * of_depth + 0.5 * WIDTH * of_width) * (1.0 + 0.1 * passive)
+        own = (self.soil["k_c"] / (0.5 * WIDTH) + self.soil["k_phi"]) * SINKAGE ** (self.soil["n"] - 1.0)
+        return dict(k_eq=p / SINKAGE, over_own=p / SINKAGE / own)
+
 
 def main() -> None:
     """Print the results, and write them beside this file."""
@@ -101,7 +112,7 @@ def main() -> None:
     for asked in sys.argv[1:] or SOILS:
         name, _, test = asked.partition(":")
         case = Case(name)
-        for one in [test] if test else ("grain", "shear", "repose", "plates"):
+        for one in [test] if test else ("grain", "bearing", "shear", "repose", "plates"):
             result = getattr(case, one)()
             found.setdefault(name, {})[one] = result
             path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
