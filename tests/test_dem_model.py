@@ -342,3 +342,35 @@ def test_soil_may_lie_at_any_height():
             one.step(k * H, H)
     assert high.y["wheel"]["f_0"] == pytest.approx(low.y["wheel"]["f_0"], rel=1e-3, abs=1e-3)
     assert high.y["diagnostics"]["sinkage"][0] == pytest.approx(low.y["diagnostics"]["sinkage"][0], abs=1e-9)
+
+
+def test_what_a_step_answers_to_a_small_move_is_told_by_stiffness_and_damping():
+    """Upright, where contacts' normals point; particles that make way and friction leave a third open."""
+    one, told, found = at_rest(), [], []
+    t = drive(one, 0.0, 60)
+    for _ in range(5):
+        t = drive(one, t, 10)
+        wheel, contact, saved, forces = one.u["wheel"][0], one.y["contact"][0], one.save(), []
+        told.append(0.5 * contact["K"][2] + contact["D"][2] / H)  # the wheel moves evenly within the step
+        for move in (-1e-7, 1e-7):
+            one.restore(saved)
+            wheel["r_0"][2] += move
+            one.step(t, H)
+            forces.append(one.y["wheel"][0]["f_0"][2])
+            wheel["r_0"][2] -= move
+        found.append((forces[0] - forces[1]) / 2e-7)
+        one.restore(saved)
+    assert np.mean(found) == pytest.approx(np.mean(told), rel=1.0 / 3.0)
+
+
+def test_a_wheel_of_a_mesh_feels_what_a_cylinder_feels(tmp_path):
+    mesh = trimesh.creation.cylinder(R_W, B_W, sections=256)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.5 * np.pi, (1.0, 0.0, 0.0)))
+    mesh.export(tmp_path / "wheel.stl")
+    loads = []
+    for one in (at_rest(), at_rest(wheel_mesh=tmp_path / "wheel.stl")):
+        seen = []
+        drive(one, 0.0, 60, seen=lambda: seen.append(one.y["wheel"][0]["f_0"].copy()))
+        loads.append(np.mean(seen[20:], axis=0))
+    assert loads[0][2] > 5.0
+    assert loads[1] == pytest.approx(loads[0], abs=0.05 * loads[0][2])

@@ -18,7 +18,7 @@ import numpy as np
 from ..slave.model import ModelError
 from .bed import COLUMN_DIAMETERS, Bed, BedKey
 from .contacts import Contacts, no_contacts
-from .material import Material
+from .material import GRAIN, SHAPE_FIELDS, Material
 from .shape import Shape
 from .sizes import Shares, Uniform
 
@@ -28,19 +28,10 @@ VERSION = 2
 LARGEST_OVERLAP = 0.05
 
 _UNITS = {
-    "material": dict(
-        E="Pa",
-        nu="1",
-        e="1",
-        mu="1",
-        mu_r="1",
-        cohesion="Pa",
-        density="kg/m3",
-        linear="1",
-        shape_corners="1",
-        shape_aspect="1",
-        shape_returned="1",
-    ),
+    "material": {
+        (f"shape_{name}" if name in SHAPE_FIELDS else name): GRAIN.fields[name].unit for name in GRAIN.fields if name != "rotation"
+    }
+    | dict(linear="1"),
     "sizes": dict(d_min="m", d_max="m", shares="m, 1"),
     "bed": dict(porosity="1", depth="m", size="m", gravity="m/s2", refinement="m, 1", scale="1", seed="1"),
 }
@@ -173,7 +164,7 @@ def _key_of(where: str, text: str) -> BedKey:
     try:
         distribution = Shares(**sizes) if "shares" in sizes else Uniform(**sizes)
         material = read["material"]
-        shape = {name: material.pop(f"shape_{name}") for name in ("corners", "aspect", "returned") if f"shape_{name}" in material}
+        shape = {name: material.pop(f"shape_{name}") for name in SHAPE_FIELDS if f"shape_{name}" in material}
         return BedKey(Material(**material, shape=Shape(**shape) if shape else None), distribution, **read["bed"])
     except TypeError as error:
         raise ModelError(f"{where} lacks a value, or one is of a wrong kind ({error}); copy one from the library") from None

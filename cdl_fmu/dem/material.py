@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..slave.records import Choice, Real, Record
 from .law import DAMPING, HERTZ, LINEAR, MASS, STIFFNESS, law_of
-from .shape import Shape
+from .shape import LARGEST_ASPECT, MOST_CORNERS, Shape
 
 #: Share of the Rayleigh time that a time step lasts, at most (Thornton 2015), and share of the longest step that is chosen by default.
 LARGEST_SHARE, SHARE = 0.2, 0.65
@@ -62,3 +63,42 @@ class Material:
     def time_step(self, radius: float) -> float:
         """Substep [s] that is chosen for the smallest radius [m]."""
         return SHARE * self.largest_time_step(radius)
+
+
+_DEFAULT = Material()
+
+#: Grains and their contacts.
+GRAIN = Record(
+    E=Real(_DEFAULT.E, "Pa", "Young's modulus of grains, softer than real ones: overlaps stay below 1 % of d", min=1e4, max=1e12),
+    nu=Real(_DEFAULT.nu, "1", "Poisson's ratio", min=0.0, max=0.49),
+    e=Real(_DEFAULT.e, "1", "Coefficient of restitution", min=0.01, max=1.0),
+    mu=Real(_DEFAULT.mu, "1", "Coefficient of friction", min=0.0, max=5.0),
+    mu_r=Real(_DEFAULT.mu_r, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
+    cohesion=Real(_DEFAULT.cohesion, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
+    density=Real(_DEFAULT.density, "kg/m3", "Density of the grains", min=100.0, max=2e4),
+    rotation=Choice(
+        "Rotation geometry, by which grains roll, beside mu_r (section 8.3.18)",
+        sphere="as spheres",
+        ellipse="ellipses about each axis",
+        polygon="regular polygons about each axis",
+    ),
+    aspect=Real(1.2, "1", "Long over short axis of the ellipses", min=1.001, max=LARGEST_ASPECT),
+    corners=Real(6.0, "1", "Number of corners of the polygons, even", min=4.0, max=float(MOST_CORNERS)),
+    returned=Real(0.25, "1", "Share of what a grain climbs on these that it gets back", min=0.0, max=1.0),
+)
+#: What is different where particles touch wheels and bodies.
+SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
+
+#: Which of a grain's numbers are of its rotation geometry.
+SHAPE_FIELDS = ("aspect", "corners", "returned")
+
+
+def material_of(grain, linear: bool) -> Material:
+    """The material that the values of ``GRAIN`` declare."""
+    numbers = {name: float(grain[name]) for name in GRAIN.fields if name not in ("rotation", *SHAPE_FIELDS)}
+    rotation, returned = list(GRAIN.fields["rotation"].options)[int(grain["rotation"]) - 1], float(grain["returned"])
+    shapes = {
+        "ellipse": Shape(aspect=float(grain["aspect"]), returned=returned),
+        "polygon": Shape(corners=int(grain["corners"]), returned=returned),
+    }
+    return Material(**numbers, linear=linear, shape=shapes.get(rotation))

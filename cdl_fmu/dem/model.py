@@ -36,12 +36,11 @@ from .bed import Bed, BedKey
 from .bed_files import load_bed
 from .columns import Ground
 from .library import Library
-from .material import Material
+from .material import GRAIN, SURFACE, Material, material_of
 from .memory import check_memory
 from .pool import Box, GrainPool
 from .scaling import check_box, check_feature, check_overlap
 from .settle import TOLERANCE
-from .shape import LARGEST_ASPECT, MOST_CORNERS, Shape
 from .sizes import Uniform
 from .step import (
     ARGUMENTS,
@@ -68,30 +67,6 @@ _MARGINS = 4.0
 _SAME = 1e-3
 
 _MEASURED = {name: SOIL.fields[name] for name in ("phi", "c", "rho")}
-
-_DEFAULT = Material()
-
-#: Grains and their contacts.
-GRAIN = Record(
-    E=Real(_DEFAULT.E, "Pa", "Young's modulus of grains, softer than real ones: overlaps stay below 1 % of d", min=1e4, max=1e12),
-    nu=Real(_DEFAULT.nu, "1", "Poisson's ratio", min=0.0, max=0.49),
-    e=Real(_DEFAULT.e, "1", "Coefficient of restitution", min=0.01, max=1.0),
-    mu=Real(_DEFAULT.mu, "1", "Coefficient of friction", min=0.0, max=5.0),
-    mu_r=Real(_DEFAULT.mu_r, "1", "Coefficient of rolling friction", min=0.0, max=5.0),
-    cohesion=Real(_DEFAULT.cohesion, "Pa", "Pull of a contact over the square of the diameter", min=0.0, max=1e6),
-    density=Real(_DEFAULT.density, "kg/m3", "Density of the grains", min=100.0, max=2e4),
-    rotation=Choice(
-        "Rotation geometry, by which grains roll, beside mu_r (section 8.3.18)",
-        sphere="as spheres",
-        ellipse="ellipses about each axis",
-        polygon="regular polygons about each axis",
-    ),
-    aspect=Real(1.2, "1", "Long over short axis of the ellipses", min=1.001, max=LARGEST_ASPECT),
-    corners=Real(6.0, "1", "Number of corners of the polygons, even", min=4.0, max=float(MOST_CORNERS)),
-    returned=Real(0.25, "1", "Share of what a grain climbs on these that it gets back", min=0.0, max=1.0),
-)
-#: What is different where particles touch wheels and bodies.
-SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
 
 
 class DEM(KernelModel):
@@ -272,13 +247,7 @@ class DEM(KernelModel):
         """The grains' material."""
         linear = p.contact_law == DEM.parameters.fields["contact_law"].value("linear")
         if p.grains == DEM.parameters.fields["grains"].value("given"):
-            numbers = {name: float(p.grain[name]) for name in GRAIN.fields if name not in ("rotation", "aspect", "corners", "returned")}
-            rotation, returned = list(GRAIN.fields["rotation"].options)[int(p.grain["rotation"]) - 1], float(p.grain["returned"])
-            shapes = {
-                "ellipse": Shape(aspect=float(p.grain["aspect"]), returned=returned),
-                "polygon": Shape(corners=int(p.grain["corners"]), returned=returned),
-            }
-            return Material(**numbers, linear=linear, shape=shapes.get(rotation))
+            return material_of(p.grain, linear)
         return grains_of(phi=float(p.phi), c=float(p.c), rho=float(p.rho), porosity=float(p.porosity), linear=linear)
 
 
