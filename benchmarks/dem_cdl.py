@@ -14,6 +14,7 @@ from cdl_fmu.dem.material import Material
 from cdl_fmu.dem.particles import V_X, W_X, X
 from cdl_fmu.dem.simulation import Simulation, Tool
 from cdl_fmu.frames import axis_rotation
+from cdl_fmu.mesh.surface import Surface
 
 _LYING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # T of a plate: its axle is upright
 MATERIAL = Material(E=YOUNG, nu=POISSON, e=RESTITUTION, mu=FRICTION, mu_r=ROLLING_FRICTION, density=DENSITY)
@@ -24,13 +25,17 @@ def version() -> str:
     return f"cdl-fmu {version_of('cdl-fmu')}"
 
 
-def run(bed: Bed, steps: int, processes: int = 1, wheel: Wheel | None = None, precision=np.float64) -> dict:
-    """As the peers' `run`; `processes` is the number of threads, and `precision` that of contacts."""
+def run(bed: Bed, steps: int, processes: int = 1, wheel: Wheel | None = None, precision=np.float64, surface: Surface | None = None) -> dict:
+    """As the peers' `run`.
+
+    `processes` is the number of threads, `precision` that of contacts, `surface` the wheel's or plate's as it stands at the start, in place
+    of an exact cylinder.
+    """
     tools = walls(bed)
     if wheel is not None:
-        tools.append(
-            Tool(MATERIAL, wheel=(wheel.radius, wheel.width, 0.0, 0.0, 0.0), r_0=wheel.start(bed), T=_LYING if wheel.lying else np.eye(3))
-        )
+        shape = dict(surface=surface) if surface else dict(wheel=(wheel.radius, wheel.width, 0.0, 0.0, 0.0))
+        turned = wheel.lying and surface is None
+        tools.append(Tool(MATERIAL, **shape, r_0=wheel.start(bed), T=_LYING if turned else np.eye(3)))
     simulation = Simulation(bed.positions, bed.radii, MATERIAL, tools, dt=STEP, threads=processes, precision=precision)
     simulation.bodies[:, V_X : V_X + 3] = bed.velocities
     motion = _Motion(simulation, bed, wheel) if wheel is not None else None

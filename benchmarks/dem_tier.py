@@ -10,9 +10,9 @@ from cdl_fmu.dem.snapshot import of_saved
 from cdl_fmu.slave.model import Instance
 
 #: Diameter of the particles [m], and of those at the surface where wheels have grousers, which particles have to be half as large as.
-D, FINE = 0.01, 0.005
-#: The soil of the other tiers, at the loosest porosity that its grains have: as soft as DEM can be. Deep enough for wheels with grousers.
-SOIL = dict(d=D, depth=0.165, porosity=0.46)
+D, FINE = 0.014, 0.005
+#: The soil of the other tiers, loose, as soft as grains of its strength can be. Deep enough for wheels with grousers.
+SOIL = dict(d=D, depth=0.165, porosity=0.43)
 GROUSERS = dict(d=FINE, fine_depth=0.021)
 #: Highest that particles reach above the mean surface [m], below which nothing may begin.
 CLEARANCE = D

@@ -91,7 +91,7 @@ def tiers(folder: Path) -> list[Tier]:
     def in_grains(bodies):
         return with_bodies(DEM(1, 0, len(bodies)), bodies, n_g=0, **SOIL)
 
-    shorter = dict(path=0.5 * PATH, clearance=CLEARANCE, grousers=GROUSERS)
+    shorter = dict(path=0.36 * PATH, clearance=CLEARANCE, grousers=GROUSERS)
     return [
         Tier("RBC", lambda n, **p: rbc(n, [slab], **p), None, rbc, settings=rebounds),
         Tier("VEM", lambda n, **p: Instance(VEM(n), normal_model="bekker", **p), None, vem, settings=damped),

@@ -5,7 +5,7 @@
 Costs are best / median over steps of 1 ms of the tier alone, called from Python on one core, of a rigid chassis that drives on the wheels
 of Table 8.2 (``vehicle.py``), to be read beside the calibration loop of ``speed.py``. Effects are of one smooth wheel (``effects.py``).
 
-DEM takes hours, the other tiers minutes together. BCM's cost is measured with any of them, as efficiency is told over it.
+DEM takes most of an hour, the other tiers minutes together. BCM's cost is measured with any of them, as efficiency is told over it.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ WHEELS = (1, 2, 4, 6, 8)
 NAMES = ("RBC", "VEM", "BCM", "SCM", "DEM")
 #: Of DEM, whose steps take far longer: how many are timed, after how many seconds of rolling, and numbers of wheels and of balls.
 FEW, SHORT, NUMBERS = 60, 0.1, (1, 2, 4)
+#: Diameters of its grains over those of the other measurements.
+SHARES = (1.4, 1.0, 0.7)
 
 
 def times(vehicle: Vehicle, rate: float = 1.0, settle: float = 0.5, timed: int = TIMED) -> tuple[tuple[float, float], float]:
@@ -150,7 +152,7 @@ def by_domain(folder: Path, names: list[str]) -> dict[str, float]:
         results = [times(Vehicle(Instance(SCM(2), cell=cell), freedom(2)))[0] for cell in cells]
         series("SCM", "finer cells, of 20, 10, 5 mm", "cells / m2", [1.0 / cell**2 for cell in cells], results)
     if "DEM" in names:
-        series("DEM", "finer grains, of 14, 10, 7 mm", "live particles", *by_grains())
+        series("DEM", f"finer grains, of {', '.join(f'{1e3 * share * D:.3g}' for share in SHARES)} mm", "live particles", *by_grains())
         distances, results, live = (0.5, 1.0, 2.0), [], []
         vehicle = smooth_on_particles()
         vehicle.free = [2, 4]
@@ -183,7 +185,7 @@ def smooth_on_particles(d: float = D) -> Vehicle:
 def by_grains() -> tuple[list[int], list[tuple[float, float]]]:
     """Live particles of two wheels, and cost of a step, with finer grains."""
     live, results = [], []
-    for share in (1.4, 1.0, 0.7):
+    for share in SHARES:
         vehicle = smooth_on_particles(share * D)
         vehicle.rate = 1.0
         vehicle.run(SHORT + FEW * H, H)
