@@ -26,24 +26,23 @@ from cdl_fmu.dem.virtual.shear import shear
 from cdl_fmu.slave.model import ModelError
 
 #: Friction and rolling friction: the line along which strength grows, see ``apriori``; and porosities.
-FRICTIONS = ((0.3, 0.0), (0.5, 0.0), (0.5, 0.1), (0.5, 0.25), (0.5, 0.4), (0.5, 0.6), (0.8, 0.6), (0.8, 1.2))
-POROSITIES = (0.46, 0.43, 0.4)
-#: Samples of 16 diameters each way, as `cdl virtual` shears: smaller ones fluctuate more, which raises their largest stress.
-PRESSURE, INERTIAL_NUMBER, STRAIN = 1e4, 2e-3, 0.35
-SIZES, DEPTH, SIZE = Uniform(4.5e-3, 5.5e-3), 0.08, (0.08, 0.08)
-COLUMNS = ("mu", "mu_r", "porosity", "tan_peak", "tan_residual", "porosity_before", "porosity_residual", "loosest")
+FRICTIONS = ((0.3, 0.0), (0.5, 0.0), (0.5, 0.1), (0.5, 0.25), (0.5, 0.6), (0.8, 0.6), (0.8, 1.2))
+POROSITIES, SEEDS = (0.46, 0.43, 0.4), (0, 1)
+PRESSURE, INERTIAL_NUMBER, STRAIN = 1e4, 3e-3, 0.35
+SIZES, DEPTH, SIZE = Uniform(4.5e-3, 5.5e-3), 0.06, (0.066, 0.066)
+COLUMNS = ("mu", "mu_r", "porosity", "seed", "tan_peak", "tan_residual", "porosity_before", "porosity_residual", "loosest")
 
 
-def row_of(mu: float, mu_r: float, porosity: float) -> tuple[float, ...]:
+def row_of(mu: float, mu_r: float, porosity: float, seed: int) -> tuple[float, ...]:
     """A row of the table."""
     material = Material(E=3.3e7, mu=mu, mu_r=mu_r)
     try:
-        bed = settle(BedKey(material, SIZES, porosity, DEPTH, SIZE))
+        bed = settle(BedKey(material, SIZES, porosity, DEPTH, SIZE, seed=seed))
     except ModelError as error:
-        return mu, mu_r, porosity, *(math.nan,) * 4, float(re.findall(r"(?:to at most |and )(0\.\d+)", str(error))[0])
+        return mu, mu_r, porosity, seed, *(math.nan,) * 4, float(re.findall(r"(?:to at most |and )(0\.\d+)", str(error))[0])
     (run,) = shear(bed, [PRESSURE], strain=STRAIN, inertial_number=INERTIAL_NUMBER).runs
     half = len(run.j) // 2
-    return mu, mu_r, porosity, run.peak, run.residual, run.porosity[0], float(np.mean(run.porosity[half:])), math.nan
+    return mu, mu_r, porosity, seed, run.peak, run.residual, run.porosity[0], float(np.mean(run.porosity[half:])), math.nan
 
 
 def fitted(table: Path) -> tuple[dict[tuple[float, float], float], float, float, float]:
@@ -73,12 +72,12 @@ def main() -> None:
     if not path.exists():
         path.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
     with path.open(newline="", encoding="utf-8") as file:
-        known = {tuple(float(row[name]) for name in COLUMNS[:3]) for row in csv.DictReader(file)}
-    for porosity, (mu, mu_r) in itertools.product(POROSITIES, FRICTIONS):
-        if (mu, mu_r, porosity) not in known:
-            row = row_of(mu, mu_r, porosity)
-            with path.open("a", newline="", encoding="utf-8") as file:
-                csv.writer(file).writerow([f"{x:.4f}" for x in row])
+        known = {tuple(float(row[name]) for name in COLUMNS[:4]) for row in csv.DictReader(file)}
+    for seed, porosity in itertools.product(SEEDS, POROSITIES):
+        for mu, mu_r in FRICTIONS if seed == 0 else FRICTIONS[3:]:  # weaker grains are steadier
+            if (mu, mu_r, porosity, seed) not in known:
+                with path.open("a", newline="", encoding="utf-8") as file:
+                    csv.writer(file).writerow([f"{x:.4f}" for x in row_of(mu, mu_r, porosity, seed)])
     strengths, effect, least, left = fitted(path)
     for (mu, mu_r), strength in strengths.items():
         print(f"mu {mu:g}, mu_r {mu_r:g}: T = {strength:.3f}")

@@ -23,7 +23,8 @@ MESH = "wheel.stl"
 def version() -> str:
     """Name and version; raises Missing."""
     program = _program()
-    text = subprocess.run([program, "-h"], capture_output=True, text=True, stdin=subprocess.DEVNULL).stdout
+    with tempfile.TemporaryDirectory() as folder:  # it leaves a log wherever it is called
+        text = subprocess.run([program, "-h"], capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=folder).stdout
     return "LIGGGHTS " + re.search(r"LIGGGHTS-PUBLIC ([\d.]+)", text).group(1)
 
 

@@ -55,7 +55,7 @@ class Case:
 
     def shear(self) -> dict[str, object]:
         """Direct shear; phi through the origin where the soil has no cohesion, as the sets of soils were found."""
-        tests = shear(self.bed(0.005, 0.08, (0.08, 0.08)), PRESSURES, strain=0.35, inertial_number=2e-3)
+        tests = shear(self.bed(0.005, 0.06, (0.066, 0.066)), PRESSURES, strain=0.3, inertial_number=2e-3)
         strength = tests.strength if self.soil["c"] > 0.0 else tests.strength_without_cohesion
         return dict(
             phi=math.degrees(strength.phi),

@@ -44,7 +44,8 @@ def virtual(
     rows = table("", "given", "found", right=("given", "found"))
     rows.add_row("phi [deg], direct shear", f"{math.degrees(given['phi']):.1f}", f"{math.degrees(values['phi']):.1f}")
     rows.add_row("c [Pa]", f"{given['c']:.3g}", f"{values['c']:.3g}")
-    rows.add_row("angle of repose [deg]", f"{math.degrees(given['phi']):.1f}", f"{angle:.1f} ± {deviation:.1f}")
+    scatter = "" if math.isnan(deviation) else f" ± {deviation:.1f}"
+    rows.add_row("angle of repose [deg]", f"{math.degrees(given['phi']):.1f}", f"{angle:.1f}{scatter}")
     bekker = _bekker(soil)
     for diameter, p in found.pressure.items():
         expected = "" if bekker is None else f"{_pressure(bekker, 0.5 * diameter):.0f}"
@@ -84,9 +85,12 @@ def tiers(
 
 
 def _given(soil: str, porosity: float) -> dict[str, float]:
-    from cdl_fmu.soil import load_soil
+    from cdl_fmu.soil import SOIL, SoilError, load_soil
 
-    known = load_soil(soil, given=("k_c", "k_phi", "n", "K"))
+    known = load_soil(soil, given=SOIL.fields)
+    if missing := [key for key in ("phi", "c", "rho") if key not in known]:
+        what = ", ".join(f"{key} ({SOIL.fields[key].description}, in {SOIL.fields[key].unit})" for key in missing)
+        raise SoilError(f"{soil} has no value for {what}: write them into the file with unit and source")
     return {key: known[key] for key in ("phi", "c", "rho")} | {"porosity": porosity}
 
 

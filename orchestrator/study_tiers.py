@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from .experiment import load_experiment
 from .run import RunError
 from .single_wheel import Sweep, run_sweep
 from .virtual import SOIL_FILE, VirtualSoil, run_virtual_tests
@@ -70,6 +71,8 @@ def study_tiers(
         ModelError, ExperimentError: see ``run_virtual_tests`` and :func:`orchestrator.simulate`.
         RunError: Points failed; those that did not are in the folder.
     """
+    for slip in slips:  # what no run allows is said before minutes are spent
+        load_experiment("single_wheel", overrides={**WHEEL, **TESTBED, **(overrides or {}), "slip": slip})
     soil = run_virtual_tests(given, out, seeds=0, status=status)
     grains = {f"dem.grain.{name}": value for name, value in soil.grains.items()}
     common = {**WHEEL, **TESTBED, **GRAINS, **grains, "dem.grains": "given", "dem.porosity": given["porosity"], **(overrides or {})}

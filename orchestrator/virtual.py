@@ -13,10 +13,14 @@ from cdl_fmu.dem.apriori import grains_of
 from cdl_fmu.dem.bed import BedKey
 from cdl_fmu.dem.library import Library
 from cdl_fmu.dem.material import Material
+from cdl_fmu.dem.memory import check_memory
+from cdl_fmu.dem.scaling import check_feature
+from cdl_fmu.dem.simulation import check_threads
 from cdl_fmu.dem.sizes import Uniform
 from cdl_fmu.dem.virtual.plate import DEPTH, DIAMETERS, SINKAGE, WIDTH, plates
 from cdl_fmu.dem.virtual.repose import repose
 from cdl_fmu.dem.virtual.shear import shear
+from cdl_fmu.slave.model import ModelError
 from cdl_fmu.soil.identify import Identification, identify
 
 from .terminal import stages
@@ -87,14 +91,20 @@ def run_virtual_tests(
         status: Called with what is being done, and the time left of it.
 
     Raises:
-        ModelError: No bed has these parameters.
+        ModelError: No bed has these parameters, particles are too large for the plates or too many for this machine's memory.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    if not 0.0 < d < math.inf:
+        raise ModelError(f"d = {d:g} m: the mean diameter of the particles must be above 0 m and finite")
+    check_threads(threads)
+    check_feature("diameter of the smallest plate", min(DIAMETERS), d)
     material = material or grains_of(**given)
-    library = Library()
+    library, sizes, widest = Library(), Uniform((1.0 - _SPREAD) * d, (1.0 + _SPREAD) * d), max(DIAMETERS)
+    deep = DEPTH * widest + SINKAGE
+    check_memory(math.ceil((1.0 - given["porosity"]) * deep * (WIDTH * widest) ** 2 / sizes.mean_volume))
+    out.mkdir(parents=True, exist_ok=True)
 
     def bed(sides: tuple[float, float], depth: float, seed: int = 1):
-        key = BedKey(material, Uniform((1.0 - _SPREAD) * d, (1.0 + _SPREAD) * d), given["porosity"], depth, sides, seed=seed)
+        key = BedKey(material, sizes, given["porosity"], depth, sides, seed=seed)
         return library.get(key, stages(status, "settling a bed of particles"))
 
     sheared = shear(bed((_SHEARED[0] * d,) * 2, _SHEARED[1] * d), threads=threads, progress=_one(status, "direct shear"))
@@ -103,8 +113,7 @@ def run_virtual_tests(
     for seed in range(1, seeds + 1):
         slope = bed((_SLOPE[0] * d, _BREADTH * d), _SLOPE[1] * d, seed)
         angles.append(repose(slope, threads=threads, progress=_one(status, f"angle of repose, {seed} of {seeds}")).angle)
-    widest = max(DIAMETERS)
-    pressed = plates(bed((WIDTH * widest,) * 2, DEPTH * widest + SINKAGE), threads=threads, progress=_one(status, "plates"))
+    pressed = plates(bed((WIDTH * widest,) * 2, deep), threads=threads, progress=_one(status, "plates"))
     pressed.write(out / PLATES)
     found = identify(out / PLATES, out / SHEAR, rho=given["rho"])
     found.write(out / SOIL_FILE)

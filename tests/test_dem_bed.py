@@ -248,7 +248,7 @@ def test_a_key_has_all_its_values_with_units_and_comes_back(tmp_path, bed):
     other = replace(KEY, sizes=sizes, depth=0.2, refinement=((0.07, 1.5),), scale=1.25, material=Material(linear=True, shape=shape))
     turned = np.tile([0.6, 0.8, 0.0, 0.0], (len(bed.radii), 1))
     write_bed(replace(bed, key=other, orientations=turned), tmp_path / "bed.npz")
-    back = load_bed(tmp_path / "bed.npz")
+    back = bed_files.read_bed(tmp_path / "bed.npz")
     assert back.key == other and np.array_equal(back.orientations, turned)
 
 
@@ -270,6 +270,13 @@ def damage(path, **arrays):
         (lambda b: dict(floor=np.array(b.floor + 0.002)), r"m deep in the floor at -0.07.* m, above 5 % of its radius"),
         (lambda b: dict(on_floor=b.contacts.on_floor + 10_000), "on_floor must hold numbers of particles, whole and within 0 and"),
         (lambda b: dict(shear=None), "has no array shear"),
+        (lambda b: dict(counts=b.counts - np.array([0.0, 0.5])), "counts = .* of columns: they must be whole numbers"),
+        (lambda b: dict(positions=b.positions - [0.01, 0.0, 0.0]), r"particle \d+ is at \(-.*outside the tile.*: shift the bed, or wrap"),
+        (lambda b: dict(radii=0.4 * b.radii), r"its diameters are .* m, but \[sizes\] says .* m at the surface"),
+        (
+            lambda b: dict(positions=b.positions + np.array([0.0, 0.0, 0.02]), floor=np.array(b.floor + 0.02)),
+            r"depth says .* m below the surface",
+        ),
     ],
 )
 def test_a_bed_given_by_a_user_is_checked(bed, tmp_path, change, message):
@@ -288,6 +295,7 @@ def test_an_overlapping_bed_is_refused_with_the_particles_named(bed, tmp_path):
     away = positions[j] - positions[i]
     away[:2] -= np.rint(away[:2] / bed.periods) * bed.periods
     positions[j] = positions[i] + 0.4 * away
+    positions[:, :2] %= bed.periods
     damage(path, positions=positions)
     with pytest.raises(ModelError, match=rf"particles {i} and {j} \(radii .* of the smaller radius; at most 5 % are possible"):
         load_bed(path)

@@ -7,6 +7,8 @@ import trimesh
 from beds import R_W, dem, place
 
 from cdl_fmu.dem import memory
+from cdl_fmu.dem.material import Material
+from cdl_fmu.dem.simulation import Simulation
 from cdl_fmu.slave.model import ModelError
 from orchestrator.experiment import ExperimentError, load_experiment
 
@@ -26,6 +28,8 @@ def test_parameters_that_do_not_fit_together_are_refused_with_the_remedy():
     refused(r"depth = 0.055 m: for this tool it must be at least 0.06 m \(1.2 radii of 0.05 m\)", depth=0.055)
     refused(r"box_length = 0.08 m: shorter than the wheel of 0.1 m; use 3 radii or more", box_length=0.08)
     refused(r"dt = 0.001 s: above the stability limit of particles of 9 mm and E = 1e\+07 Pa; use at most 7.9\de-05 s, or 0 for", dt=1e-3)
+    refused(r"rho = 1.9 kg/m3: lighter than any soil; use at least 100 kg/m3 \(1 g/cm3 is 1000 kg/m3\)", rho=1.9)
+    refused(r"grain.mu = 0.6: grains are made from the soil; set grains = given, or leave it out", grains="soil", **{"grain.mu": 0.6})
     refused(r"seed = 1.5: it must be a whole number", seed=1.5)
     refused(r"threads = 250: on this machine at most \d+; numba's variable", threads=250)
 
@@ -134,3 +138,28 @@ def test_experiments_name_the_option_at_fault():
     refuse(r"dem.bed = 'none.npz': no such file; correct the path", **{"dem.bed": "none.npz"})
     with pytest.raises(ExperimentError, match=r"rocks lie in SCM's soil, not in particles: put the wheels on SCM, BCM or VEM"):
         load_experiment("rocks_in_sand", tiers=("DEM", "DEM"))
+
+
+def test_a_bed_that_is_given_says_that_its_own_grains_count():
+    one = dem(**{"grain.mu": 0.6})
+    one.initialise()
+    (text,) = one.warnings
+    assert text.endswith("the bed that is given has grains of its own (mu = 0.5, not 0.6): these count")
+
+
+@pytest.mark.parametrize(
+    "value, message", [({"e": 0.0}, "e = 0: it must be above 0 and at most 1"), ({"density": -1.0}, "density = -1: it must")]
+)
+def test_a_material_that_cannot_be_is_refused(value, message):
+    with pytest.raises(ModelError, match=message):
+        Material(**value)
+
+
+def test_a_simulation_refuses_what_it_cannot_do():
+    positions, radii = np.zeros((1, 3)), np.full(1, 0.005)
+    with pytest.raises(ModelError, match=r"dt = 0.01 s: above the stability limit of particles of 10 mm .* use at most"):
+        Simulation(positions, radii, Material(), dt=0.01)
+    with pytest.raises(ModelError, match=r"positions have the shape \(1, 3\): \(2, 3\) is needed"):
+        Simulation(positions, np.full(2, 0.005), Material())
+    with pytest.raises(ModelError, match=r"threads = 500: on this machine at most"):
+        Simulation(positions, radii, Material(), threads=500)

@@ -160,6 +160,10 @@ def _key_of(where: str, text: str) -> BedKey:
             if not isinstance(entry, dict) or "value" not in entry or entry.get("unit") != units[name]:
                 raise ModelError(f'{where}: [{section}] {name} must read {{ value = ..., unit = "{units[name]}" }}')
             read[section][name] = _tuples(entry["value"])
+    for name, value in read["material"].items():
+        field = GRAIN.fields.get(name)  # numbers of the shape, and linear, are looked at by what they are given to
+        if field and not (isinstance(value, (int, float)) and field.min <= value <= field.max):
+            raise ModelError(f"{where}: [material] {name} = {value!r}: a number from {field.min:g} to {field.max:g} {field.unit} is needed")
     sizes = read["sizes"]
     try:
         distribution = Shares(**sizes) if "shares" in sizes else Uniform(**sizes)
@@ -210,6 +214,25 @@ def _check_bed(name: str, bed: Bed) -> None:
                 f"{COLUMN_DIAMETERS * largest:g} m wide, {COLUMN_DIAMETERS:g} diameters of the largest particle; make fewer columns, or a "
                 "longer tile"
             )
+    if bed.counts != tuple(map(round, bed.counts)):
+        raise ModelError(f"{name}: counts = {bed.counts} of columns: they must be whole numbers")
+    outside = ((bed.positions[:, :2] < 0.0) | (bed.positions[:, :2] >= bed.periods)).any(axis=1)
+    if outside.any():
+        worst = int(np.argmax(outside))
+        x, y = bed.positions[worst, :2]
+        raise ModelError(
+            f"{name}: particle {worst} is at ({x:g}, {y:g}) m, outside the tile, which goes from 0 to its periods ({bed.periods[0]:g}, "
+            f"{bed.periods[1]:g}) m: shift the bed, or wrap its positions"
+        )
+    d = bed.key.diameter
+    if not 2.0 * bed.radii[least] <= d * (1.0 + 1e-6) <= largest * (1.0 + 1e-5):
+        raise ModelError(
+            f"{name}: its diameters are {2.0 * bed.radii[least]:g} to {largest:g} m, but [sizes] says {d:g} m at the surface; correct it"
+        )
+    if abs(bed.floor + bed.key.depth) > d:
+        raise ModelError(
+            f"{name}: the floor is at {bed.floor:g} m, but [bed] depth says {bed.key.depth:g} m below the surface at 0 m; correct one"
+        )
     across = bed.periods[1] / bed.counts[1]
     if abs(across - bed.column) > 1e-6 * bed.column:
         raise ModelError(f"{name}: columns are {bed.column:g} m by {across:g} m: they must be squares; choose other counts or periods")

@@ -10,6 +10,7 @@ import math
 
 from ..slave.kernel import kernel
 from .particles import (
+    CELLS_EACH,
     CELLS_X,
     CELLS_Y,
     CELLS_Z,
@@ -20,6 +21,7 @@ from .particles import (
     PARTICLE,
     SIDE,
     SLABS,
+    SPARE_CELLS,
     V_X,
     V_Y,
     V_Z,
@@ -66,7 +68,8 @@ def sort_particles(grains, horizon):
     side_x = side_y = side_z = 2.0 * (reach + min(max(largest * horizon, LEAST_MARGIN * reach), LARGEST_MARGIN * reach))
     # Longer cells where there are most: a particle that flies far away spoils one direction only, and a period keeps its three cells.
     along_x, along_y, along_z = (x_1 - x_0) / side_x + 1.0, (y_1 - y_0) / side_y + 1.0, (z_1 - z_0) / side_z + 1.0
-    while along_x * along_y * along_z > len(grains.cells) - 1:
+    # By the number of particles, not by the room that there is: what comes out must not depend on that.
+    while along_x * along_y * along_z > CELLS_EACH * n + SPARE_CELLS - 1:
         if along_x >= along_y and along_x >= along_z:
             side_x *= 1.2
         elif along_y >= along_z:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..slave.model import ModelError
 from ..slave.records import Choice, Real, Record
 from .law import DAMPING, HERTZ, LINEAR, MASS, STIFFNESS, law_of
 from .shape import LARGEST_ASPECT, MOST_CORNERS, Shape
@@ -31,6 +32,9 @@ class Material:
         density: Density of the grains [kg/m3].
         linear: Linear contacts in place of Hertz'.
         shape: How particles of this material roll, beside ``mu_r``; None: as spheres. That of a tool's material means nothing.
+
+    Raises:
+        ModelError: A value that no material has.
     """
 
     E: float = 1e7
@@ -42,6 +46,19 @@ class Material:
     density: float = 2600.0
     linear: bool = False
     shape: Shape | None = None
+
+    def __post_init__(self):
+        for name, impossible, needed in (
+            ("E", not 0.0 < self.E < math.inf, "above 0 Pa"),
+            ("nu", not 0.0 <= self.nu < 0.5, "from 0 to below 0.5"),
+            ("e", not 0.0 < self.e <= 1.0, "above 0 and at most 1"),
+            ("mu", not 0.0 <= self.mu < math.inf, "at least 0"),
+            ("mu_r", not 0.0 <= self.mu_r < math.inf, "at least 0"),
+            ("cohesion", not 0.0 <= self.cohesion < math.inf, "at least 0 Pa"),
+            ("density", not 0.0 < self.density < math.inf, "above 0 kg/m3"),
+        ):
+            if impossible:
+                raise ModelError(f"{name} = {getattr(self, name):g}: it must be {needed}, and finite")
 
     def law(self, dt: float) -> np.ndarray:
         """The law's numbers for substeps of dt [s]."""
@@ -59,6 +76,15 @@ class Material:
         damping = 25.5 * 0.5 * law[DAMPING]
         step = (math.sqrt(damping * damping + 80.0) - damping) / 20.0 * math.sqrt(law[MASS] * radius**3 / stiffness)
         return min(LARGEST_SHARE * rayleigh_time, step)
+
+    def check_step(self, dt: float, radius: float) -> None:
+        """Raise ModelError for a substep dt [s] that is not stable for the smallest radius [m]."""
+        largest = self.largest_time_step(radius)
+        if dt > largest:
+            raise ModelError(
+                f"dt = {dt:g} s: above the stability limit of particles of {2e3 * radius:.3g} mm and E = {self.E:g} Pa; "
+                f"use at most {largest:.3g} s, or 0 for {self.time_step(radius):.3g} s"
+            )
 
     def time_step(self, radius: float) -> float:
         """Substep [s] that is chosen for the smallest radius [m]."""
@@ -87,7 +113,11 @@ GRAIN = Record(
     returned=Real(0.25, "1", "Share of what a grain climbs on these that it gets back", min=0.0, max=1.0),
 )
 #: What is different where particles touch wheels and bodies.
-SURFACE = Record(**{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r", "cohesion")})
+SURFACE = Record(
+    **{name: GRAIN.fields[name] for name in ("e", "mu", "mu_r")},
+    # R* is the particle's radius there, twice that of two equal particles.
+    cohesion=replace(GRAIN.fields["cohesion"], description="Pull of a contact over 4 times the square of the diameter"),
+)
 
 #: Which of a grain's numbers are of its rotation geometry.
 SHAPE_FIELDS = ("aspect", "corners", "returned")

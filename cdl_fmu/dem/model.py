@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -26,10 +26,9 @@ from ..slave.interface import (
     wheel_pose,
     wheel_wrench,
 )
-from ..slave.kernel import MOST_THREADS
 from ..slave.model import Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL
+from ..soil import SOIL, check_rho
 from ..wheel import WHEEL, check_wheel, tip_radius
 from .apriori import grains_of
 from .bed import Bed, BedKey
@@ -41,6 +40,7 @@ from .memory import check_memory
 from .pool import Box, GrainPool
 from .scaling import check_box, check_feature, check_overlap
 from .settle import TOLERANCE
+from .simulation import check_threads
 from .sizes import Uniform
 from .step import (
     ARGUMENTS,
@@ -140,7 +140,7 @@ class DEM(KernelModel):
         sizes = {"p": n_patches, "b": n_bodies}
         self.identifier = f"cdl_dem_w{n_wheels}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         self.files = {
-            "bed": "Bed of particles (.npz, as 'cdl dem bed' writes it) and of its grains; none = settled for these parameters, and kept",
+            "bed": "Bed of particles (.npz by cdl_fmu.dem.bed_files.write_bed); none = settled for these parameters, and kept",
             "wheel_mesh": "Closed mesh of the wheels (.stl, .obj or .ply, in metres, y is the axle); none = cylinder with grousers",
             **{f"body[{i + 1}].mesh": "Closed mesh of the body (.stl, .obj or .ply, in metres)" for i in range(n_bodies)},
         }
@@ -158,6 +158,8 @@ class DEM(KernelModel):
 
     def check(self, p) -> None:
         check_wheel(p)
+        check_rho(p)
+        _check_idle(p)
         if p.n_g > 0.0 and p.h_g > 0.0:
             check_feature("h_g", p.h_g, p.d)
         check_box(p.box_width, p.depth, p.b_w, tip_radius.py_func(p))
@@ -169,10 +171,7 @@ class DEM(KernelModel):
         for name in ("seed", "threads"):
             if p[name] != math.floor(p[name]):
                 raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")
-        if p.threads > MOST_THREADS:
-            raise ModelError(
-                f"threads = {p.threads:g}: on this machine at most {MOST_THREADS}; numba's variable NUMBA_NUM_THREADS allows more"
-            )
+        check_threads(int(p.threads))
 
     def _check_memory(self, p) -> None:
         """Refuse boxes that hold more particles than this machine."""
@@ -187,19 +186,23 @@ class DEM(KernelModel):
 
     def prepare(self, p, files, progress) -> None:
         if "bed" not in files:
-            Library().get(self.bed_key(p), progress)
+            self._settled(p, progress)
+
+    def _settled(self, p, progress=lambda stage, share: None) -> Bed:
+        """The bed for these parameters, which are refused before it is settled."""
+        key = self.bed_key(p)
+        key.material.check_step(float(p.dt), 0.5 * key.sizes.d_min)
+        return Library().get(key, progress)
 
     def make_pool(self, p, files) -> GrainPool:
-        bed = load_bed(files["bed"]) if "bed" in files else Library().get(self.bed_key(p))
+        bed = load_bed(files["bed"]) if "bed" in files else self._settled(p)
         _check_bed(p, bed)
+        if "bed" in files:
+            self._compare_grains(p, bed)
         material = bed.key.material
         smallest = float(bed.radii.min())
+        material.check_step(float(p.dt), smallest)
         largest_step = material.largest_time_step(smallest)
-        if p.dt > largest_step:
-            raise ModelError(
-                f"dt = {p.dt:g} s: above the stability limit of particles of {2e3 * smallest:.3g} mm and E = {material.E:g} Pa; "
-                f"use at most {largest_step:.3g} s, or 0 for {material.time_step(smallest):.3g} s"
-            )
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         names = [*["wheel_mesh"] * n_wheels, *(f"body[{i + 1}].mesh" for i in range(n_bodies))]
         surfaces = [surface_in(name, files) for name in names]
@@ -250,9 +253,24 @@ class DEM(KernelModel):
             return material_of(p.grain, linear)
         return grains_of(phi=float(p.phi), c=float(p.c), rho=float(p.rho), porosity=float(p.porosity), linear=linear)
 
+    def _compare_grains(self, p, bed: Bed) -> None:
+        """Warn where a bed that was given has other grains than the parameters: its own are what counts."""
+        wanted, has = asdict(self._material(p)), asdict(bed.key.material)
+        if apart := [f"{name} = {has[name]}, not {wanted[name]}" for name in has if has[name] != wanted[name]]:
+            warnings.warn(f"the bed that is given has grains of its own ({'; '.join(apart)}): these count", stacklevel=2)
+
 
 def _gravity(p) -> tuple[float, float, float]:
     return tuple(-float(p.gravity) * axis for axis in vertical(p.slope, p.uphill))
+
+
+def _check_idle(p) -> None:
+    """Refuse grains that are set where those of the soil count."""
+    if p.grains == DEM.parameters.fields["grains"].value("given"):
+        return
+    for name, field in GRAIN.fields.items():
+        if p.grain[name] != field.start:
+            raise ModelError(f"grain.{name} = {p.grain[name]:g}: grains are made from the soil; set grains = given, or leave it out")
 
 
 def _check_bed(p, bed: Bed) -> None:

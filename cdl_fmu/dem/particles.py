@@ -36,6 +36,8 @@ Q_A, Q_B, TURNING, SHAPED_BUFFER = BUFFER, BUFFER + 4, BUFFER + 8, BUFFER + 11
 LEAST_MARGIN, LARGEST_MARGIN = 0.01, 0.25
 #: Cells of a period, at least: with fewer, a cell's neighbours on both sides would be one.
 LEAST_CELLS = 3
+#: Most cells, for each particle and beside.
+CELLS_EACH, SPARE_CELLS = 4, 1000
 #: Least period [radii of the largest particle].
 LEAST_PERIOD = LEAST_CELLS * 2.0 * (1.0 + LARGEST_MARGIN)
 
@@ -110,8 +112,8 @@ def empty_particles(n: int, *, periods=(0.0, 0.0), precision=np.float64, shape: 
         history=np.zeros((2, (pairs // LENGTH + 1) * HISTORY * LENGTH), precision),
         found=np.zeros(pairs, np.int32),
         cell=np.zeros((2, n), np.int64),
-        cells=np.zeros(4 * n + 1000, np.int64),
-        fastest=np.zeros((2, 4 * n + 1000)),
+        cells=np.zeros(CELLS_EACH * n + SPARE_CELLS, np.int64),
+        fastest=np.zeros((2, CELLS_EACH * n + SPARE_CELLS)),
         order=np.arange(n),
         slabs=np.zeros(MOST_SLABS + 1, np.int64),
         blocks=np.zeros((MOST_SLABS, (SHAPED_BUFFER if shape else BUFFER) * LENGTH), precision),

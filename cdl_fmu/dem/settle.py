@@ -41,6 +41,7 @@ _FALLEN = 2e-2  # kinetic energy over m g d below which all have fallen
 _CALM = 5e-4  # and below which the loose bed stands
 _SHARE = 0.9  # of the longest stable time step
 _RAMP, _STAGES = 3.0, 75  # time in which friction falls to 0, in sqrt(depth / g), and its steps
+_RAMPS = 8  # as many times as that, after which a bed that is not as dense as asked for never will be
 _BEGIN = 0.75  # share of friction from which it falls: above, nothing moves
 _FALL, _STAND = 1.0, 0.3  # time in which drag stops particles that fall, and that come to stand, in sqrt(d / g)
 _SUBSTEPS = 20  # substeps from drag to drag
@@ -136,6 +137,7 @@ class _Settling:
         began = simulation.time
         while simulation.time - began < 2.0 * self.short_time or self._energy(simulation) > _FALLEN:
             self._drag(simulation, 0.2 * self.time, _FALL)
+            self._check_time(simulation, began)
             self.progress("falling", 1.0 - self._fall_left(simulation) / highest)
         self._stand(simulation)
 
@@ -165,10 +167,12 @@ class _Settling:
             simulation.step(stage)
             now = self._porosity(simulation)
             self.progress("compacting", min((loosest - now) / (loosest - key.porosity), 1.0))
-            if share == 0.0 and k % _STAGES == 0 and before - now < 1e-4 and self._energy(simulation) < 10.0 * _CALM:
+            stuck = before - now < 1e-4 and self._energy(simulation) < 10.0 * _CALM
+            if share == 0.0 and k % _STAGES == 0 and (stuck or k >= _RAMPS * _STAGES):
+                pull = f", or lower cohesion = {key.material.cohesion:g} Pa, which holds them apart" if key.material.cohesion > 0.0 else ""
                 raise ModelError(
                     f"porosity = {key.porosity:g}: these particles settle to between {now:.3f} and {loosest:.3f}; ask for one within, or "
-                    "for sizes that vary more"
+                    f"for sizes that vary more{pull}"
                 )
         simulation.material = simulation.tools[0].material = calm
         self._stand(simulation)

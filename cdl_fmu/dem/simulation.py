@@ -10,6 +10,8 @@ import numba
 import numpy as np
 
 from ..mesh.surface import Surface, join, nothing
+from ..slave.kernel import MOST_THREADS
+from ..slave.model import ModelError
 from .advance import advance, advance_in_parallel
 from .material import Material
 from .particles import SIDE, V_X, W_X, M, N, particles_of
@@ -48,6 +50,12 @@ class Tool:
         return mesh_shape(self.surface) if self.surface else wheel_shape(*self.wheel) if self.wheel else np.zeros(SHAPE)
 
 
+def check_threads(threads: int) -> None:
+    """Raise ModelError for more threads than this machine has."""
+    if threads > MOST_THREADS:
+        raise ModelError(f"threads = {threads}: on this machine at most {MOST_THREADS}; numba's variable NUMBA_NUM_THREADS allows more")
+
+
 class Simulation:
     """Particles and tools.
 
@@ -61,6 +69,9 @@ class Simulation:
         periods: Lengths after which the bed repeats itself along x and y [m]; 0 = not at all.
         threads: Number of threads.
         precision: Of contacts, float64 or float32.
+
+    Raises:
+        ModelError: Arrays do not fit together, dt is above the stability limit, or there are more threads than the machine has.
     """
 
     def __init__(
@@ -77,7 +88,12 @@ class Simulation:
         precision=np.float64,
     ):
         self.material, self.tools, self.gravity, self.threads, self.precision = material, list(tools), np.array(gravity), threads, precision
-        self.dt = dt or material.time_step(np.min(radii))
+        if np.shape(positions) != (len(radii), 3):
+            raise ModelError(f"positions have the shape {np.shape(positions)}: ({len(radii)}, 3) is needed, a row for each of the radii")
+        check_threads(threads)
+        smallest = float(np.min(radii))
+        material.check_step(dt or 0.0, smallest)
+        self.dt = dt or material.time_step(smallest)
         self.time = 0.0
         self.particles = particles_of(positions, radii, material.density, periods=periods, precision=precision, shape=material.shape)
         bodies = [tool.surface for tool in self.tools if tool.surface]
@@ -110,7 +126,10 @@ class Simulation:
         return self.particles.orientation[count[SIDE], : count[N]]
 
     def step(self, h: float) -> None:
-        """Advance by h [s]; the tools move to ``r_0``, ``T`` meanwhile."""
+        """Advance by h [s]; the tools move to ``r_0``, ``T`` meanwhile.
+
+        Raises RuntimeError if particles are lost or have more contacts than there is room for: nothing of this is of use then.
+        """
         n = max(math.ceil(h / self.dt - 1e-9), 1)
         dt = h / n
         for k, tool in enumerate(self.tools):
