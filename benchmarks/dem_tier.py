@@ -13,7 +13,7 @@ from cdl_fmu.slave.model import Instance
 D, FINE = 0.014, 0.005
 #: The soil of the other tiers, loose, as soft as grains of its strength can be. Deep enough for wheels with grousers.
 SOIL = dict(d=D, depth=0.165, porosity=0.43)
-GROUSERS = dict(d=FINE, fine_depth=0.021)
+GROUSERS = dict(d=FINE, fine_depth=0.021, box_length=0.3)
 #: Highest that particles reach above the mean surface [m], below which nothing may begin.
 CLEARANCE = D
 

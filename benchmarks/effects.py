@@ -145,10 +145,10 @@ def rolled(vehicle: Vehicle, slip=0.0, angle=0.0, path=PATH) -> np.ndarray:
     return vehicle.run(path / SPEED, H, reading)
 
 
-def steady(tier: Tier, slip=0.0, angle=0.0, radius=RADIUS, **parameters) -> np.ndarray:
-    """Mean of that over the last third of the path."""
+def steady(tier: Tier, slip=0.0, angle=0.0, radius=RADIUS, share=1.0, **parameters) -> np.ndarray:
+    """Mean of that over the last third of the path, or of a share of it."""
     vehicle = wheel_on(tier.ground(1, **({"n_g": 0} | parameters)), radius=radius, clearance=tier.clearance)
-    rows = rolled(vehicle, slip, angle, tier.path)
+    rows = rolled(vehicle, slip, angle, share * tier.path)
     return rows[2 * len(rows) // 3 :].mean(axis=0)
 
 
@@ -178,8 +178,8 @@ def _sinkage(tier: Tier) -> dict[str, float]:
 
 def _rolling(tier: Tier) -> dict[str, float]:
     level, slow, fast, spinning = (steady(tier, slip) for slip in (0.0, 0.1, 0.3, 0.6))
-    smooth = steady(tier, 0.3, **tier.grousers) if tier.grousers else fast
-    grousers = steady(tier, 0.3, radius=TIP, n_g=12, **tier.grousers)
+    smooth = steady(tier, 0.3, share=0.7, **tier.grousers) if tier.grousers else fast
+    grousers = steady(tier, 0.3, radius=TIP, share=0.7 if tier.grousers else 1.0, n_g=12, **tier.grousers)
     return {
         "pull_00": level[0],
         "loss": level[4],

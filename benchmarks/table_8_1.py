@@ -39,7 +39,7 @@ H, TIMED = 1e-3, 1500
 WHEELS = (1, 2, 4, 6, 8)
 NAMES = ("RBC", "VEM", "BCM", "SCM", "DEM")
 #: Of DEM, whose steps take far longer: how many are timed, after how many seconds of rolling, and numbers of wheels and of balls.
-FEW, SHORT, NUMBERS = 60, 0.1, (1, 2, 4)
+FEW, SHORT, NUMBERS = 60, 0.1, (1, 2)
 #: Diameters of its grains over those of the other measurements.
 SHARES = (1.4, 1.0, 0.7)
 
@@ -95,7 +95,8 @@ def by_wheels(folder: Path, names: list[str]) -> tuple[dict[str, float], dict[st
             numbers, clearance, options = NUMBERS, CLEARANCE, dict(settle=SHORT, timed=FEW)
         results = [times(Vehicle(make(n), freedom(n), clearance=clearance), **options) for n in numbers]
         costs = [median for (_, median), _ in results]
-        two[name], growth[name] = costs[1], exponent(numbers[1:], costs[1:])
+        rest = max(len(numbers) - 1, 2)  # from two wheels on where there are enough
+        two[name], growth[name] = costs[1], exponent(numbers[-rest:], costs[-rest:])
         texts = [both(cost) for cost, _ in results] + ["none"] * (len(WHEELS) - len(numbers))
         rows.append([name, *texts, f"{growth[name]:.2f}", "", " / ".join(f"{n:.0f}" for _, n in results)])
     for row in rows:
