@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ..contact import WHEEL_EVENTS
 from ..frames import vertical
 from ..mesh.pool import surface_in
-from ..mesh.surface import join, nothing
+from ..mesh.surface import Meshes, join, nothing
 from ..slave.interface import (
     ENVIRONMENT,
     body_pose,
@@ -34,6 +35,7 @@ from .apriori import grains_of
 from .bed import Bed, BedKey
 from .bed_files import load_bed
 from .columns import Ground
+from .law import STEP
 from .library import Library
 from .material import GRAIN, SURFACE, Material, material_of
 from .memory import check_memory
@@ -55,7 +57,7 @@ from .step import (
     parallel_step,
     step,
 )
-from .tools import AROUND, MESH, PLANE, POSITION, SHAPE, mesh_shape, tools_of, wheel_shape
+from .tools import AROUND, MESH, PLANE, POSITION, SHAPE, Tools, mesh_shape, tools_of, wheel_shape
 from .tools import WHEEL as WHEEL_KIND
 
 #: Own choices: sides of the tile in mean diameters; diameters of particles below ``fine_depth`` over those above; diameters of the largest
@@ -199,10 +201,16 @@ class DEM(KernelModel):
         _check_bed(p, bed)
         if "bed" in files:
             self._compare_grains(p, bed)
-        material = bed.key.material
-        smallest = float(bed.radii.min())
+        material, smallest = bed.key.material, float(bed.radii.min())
         material.check_step(float(p.dt), smallest)
-        largest_step = material.largest_time_step(smallest)
+        law = material.law(material.largest_time_step(smallest))
+        new_tools, meshes, boxes = self._tools(p, files, bed, law)
+        settings = np.array([p.dt or material.time_step(smallest), *_gravity(p), 0.0])
+        patches = (self.sizes["n_patches"], *patch_in(1).fields["patch"].record.fields["z"].shape), p.patch_spacing
+        return GrainPool(Ground(bed, p.ground_z), new_tools, meshes, law, settings, boxes, patches, p.rest_speed)
+
+    def _tools(self, p, files, bed: Bed, law: np.ndarray) -> tuple[Callable[[int], Tools], Meshes, list[Box]]:
+        """What makes floor, wheels and bodies for a number of particles, their surfaces, and the boxes around wheels and bodies."""
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         names = [*["wheel_mesh"] * n_wheels, *(f"body[{i + 1}].mesh" for i in range(n_bodies))]
         surfaces = [surface_in(name, files) for name in names]
@@ -213,20 +221,17 @@ class DEM(KernelModel):
             roots.append(next(placed) if surface else -1)
             kinds.append(MESH if surface or k >= n_wheels else WHEEL_KIND)
             shapes.append(mesh_shape(surface) if surface else wheel_shape(p.r_w, p.b_w, p.n_g, p.h_g, p.t_g) if k < n_wheels else shapes[0])
-        touching = replace(material, **{name: float(p.surface[name]) for name in SURFACE.fields})
-        laws = [material.law(largest_step), *[touching.law(largest_step)] * len(surfaces)]
+        touching = replace(bed.key.material, **{name: float(p.surface[name]) for name in SURFACE.fields})
+        laws = [law, *[touching.law(law[STEP])] * len(surfaces)]
 
-        def new_tools(n: int):
+        def new_tools(n: int) -> Tools:
             tools = tools_of(kinds, shapes, roots, laws, n)
             tools.poses[0, POSITION + 2] = tools.goals[0, POSITION + 2] = p.ground_z + bed.floor
             tools.present[1:] = 0
             return tools
 
         boxes = [Box(0.5 * p.box_length, 0.5 * p.box_width)] * n_wheels
-        boxes += [Box(*[s[AROUND] + BESIDE * bed.key.largest] * 2) for s in shapes[1 + n_wheels :]]
-        settings = np.array([p.dt or material.time_step(smallest), *_gravity(p), 0.0])
-        patches = (self.sizes["n_patches"], *patch_in(1).fields["patch"].record.fields["z"].shape), p.patch_spacing
-        return GrainPool(Ground(bed, p.ground_z), new_tools, meshes, laws[0], settings, boxes, patches, p.rest_speed)
+        return new_tools, meshes, boxes + [Box(*[s[AROUND] + BESIDE * bed.key.largest] * 2) for s in shapes[1 + n_wheels :]]
 
     def bed_key(self, p) -> BedKey:
         """What the bed for these parameters is made from. Raises ModelError for parameters that no bed can have."""
