@@ -18,7 +18,7 @@ from .tools import DAMPER, DEEPEST, FORCE, MIDDLE, NORMAL, POSITION, ROTATION, T
 
 #: Status numbers beside those of wheels.
 FULL, TOO_DEEP, BODY_NO_DATA, BODY_STILL_NO_DATA, BODY_TOO_DEEP, NO_MESH = 5, 6, 7, 8, 9, 10
-#: Overlap of a particle with a tool, in its radius, beyond which the tool cannot have come there by itself. Own choice.
+#: Overlap of a particle with a tool, in its radius, with which no contact begins of a tool that came there by itself. Own choice.
 DEEP = 0.3
 
 #: Arrays of the pool: where those of tools and of meshes begin, and what follows: law, longest substep and gravity, patches.

@@ -20,7 +20,7 @@ R_W, B_W, N_G, H_G, T_G, AROUND, SHAPE = range(7)
 POSITION, ROTATION, VELOCITY, SPIN, POSE = 0, 3, 12, 15, 18
 #: Columns of what a tool feels: force [N], torque [N.m], stiffness and damping of its contacts: xx, xy, xz, yy, yz, zz [N/m], [N.s/m];
 #: point that the stiffness is about, times its trace [N]; number of contacts; deepest overlap, in radii
-#: of the particle: the largest of a step, where all else are means.
+#: of the particle, less of contacts that go on: the largest of a step, where all else are means.
 FORCE, TORQUE, TENSOR, DAMPER, MIDDLE, CONTACTS, DEEPEST, FELT = 0, 3, 6, 12, 18, 21, 22, 23
 #: Columns of what is kept of a contact with a particle: normal, tangential displacement [m], rolling angle [rad].
 NORMAL, SLID, ROLLED, KEPT = 0, 3, 6, 9

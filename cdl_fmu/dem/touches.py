@@ -39,6 +39,9 @@ from .touch_mesh import mesh_touches
 from .touch_wheel import wheel_touches
 
 _SAME = 0.7  # own choice: cosine between the normals of one contact in two substeps, at least
+# Own choice: share of its overlap that counts of a contact that goes on, where a tool is looked for that cannot have come where it is. Chains
+# of force press single fine particles in by half their radius.
+_PRESSED = 0.3
 
 
 @kernel
@@ -203,7 +206,7 @@ def _touch_forces(grains, tools, meshes, t, slab):
             felt[MIDDLE + 1] += s_n * p_y
             felt[MIDDLE + 2] += s_n * p_z
             felt[CONTACTS] += 1.0
-            felt[DEEPEST] = max(felt[DEEPEST], 1.0 - distance / r)
+            felt[DEEPEST] = max(felt[DEEPEST], (1.0 - distance / r) * (1.0 if known == 0 else _PRESSED))
         for m in range(used, known):
             for c in range(KEPT):
                 kept[k, m, c] = 0.0
