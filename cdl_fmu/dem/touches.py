@@ -39,8 +39,8 @@ from .touch_mesh import mesh_touches
 from .touch_wheel import wheel_touches
 
 _SAME = 0.7  # own choice: cosine between the normals of one contact in two substeps, at least
-# Own choice: share of its overlap that counts of a contact that goes on, where a tool is looked for that cannot have come where it is. Chains
-# of force press single fine particles in by half their radius.
+# Own choice: share of its overlap that counts of a contact that goes on, where a tool is looked for that cannot have come where it is.
+# Chains of force press single fine particles in by half their radius.
 _PRESSED = 0.3
 
 
