@@ -261,7 +261,8 @@ class DEM(KernelModel):
     def _compare_grains(self, p, bed: Bed) -> None:
         """Warn where a bed that was given has other grains than the parameters: its own are what counts."""
         wanted, has = asdict(self._material(p)), asdict(bed.key.material)
-        if apart := [f"{name} = {has[name]}, not {wanted[name]}" for name in has if has[name] != wanted[name]]:
+        texts = {name: [f"{x:g}" if isinstance(x, float) else f"{x}" for x in (has[name], wanted[name])] for name in has}
+        if apart := [f"{name} = {own}, not {other}" for name, (own, other) in texts.items() if has[name] != wanted[name]]:
             warnings.warn(f"the bed that is given has grains of its own ({'; '.join(apart)}): these count", stacklevel=2)
 
 
