@@ -80,8 +80,8 @@ def test_progress_reaches_the_end_once(bed):
 def test_the_slope_that_a_wall_leaves_is_steeper_for_rougher_grains():
     bed = settle(BedKey(MIDDLE, SIZES, 0.43, 0.04, (0.066, 0.044)))
     rough, smooth = (repose(with_grains(bed, mu=mu, mu_r=mu_r), wall_speed=0.3) for mu, mu_r in ((0.5, 0.5), (0.2, 0.0)))
-    assert math.radians(10.0) < smooth.angle < math.radians(25.0)
-    assert smooth.angle + math.radians(2.0) < rough.angle < math.radians(40.0)  # of so few grains it scatters by 3 deg
+    assert math.radians(10.0) < smooth.angle < math.radians(22.0)
+    assert max(math.radians(20.0), smooth.angle + math.radians(2.0)) < rough.angle < math.radians(38.0)
     # What ran out is what is missing above.
     assert np.trapezoid(rough.z, rough.x) == pytest.approx(np.trapezoid(smooth.z, smooth.x), rel=0.1)
 
