@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from .slave.kernel import kernel
-from .slave.model import ModelError
+from .slave.model import Rule
 from .slave.records import Real, Record
 
 #: The wheel of Table 8.2; r_w is the radius of the rim, without grousers.
@@ -18,15 +18,15 @@ WHEEL = Record(
 )
 
 
-def check_wheel(p) -> None:
-    """Raise ModelError for a wheel that cannot be built."""
-    if p.n_g != math.floor(p.n_g):
-        raise ModelError(f"n_g = {p.n_g:g}: the number of grousers must be whole")
-    around = 2.0 * math.pi * (p.r_w + p.h_g)
-    if p.n_g * p.t_g > around:
-        raise ModelError(
-            f"n_g = {p.n_g:g}: grousers of t_g = {p.t_g:g} m fill more than the {around:.3g} m around their tips; use fewer or thinner"
-        )
+#: Of wheels that can be built.
+WHEEL_RULES = (
+    Rule("n_g = {p.n_g:g}: the number of grousers must be whole", lambda p: p.n_g != math.floor(p.n_g)),
+    Rule(
+        "n_g = {p.n_g:g}: grousers of t_g = {p.t_g:g} m fill more than the {around:.3g} m around their tips; use fewer or thinner",
+        lambda p: p.n_g * p.t_g > 2.0 * math.pi * (p.r_w + p.h_g),
+        dict(around=lambda p: 2.0 * math.pi * (p.r_w + p.h_g)),
+    ),
+)
 
 
 @kernel

@@ -6,7 +6,7 @@ import math
 
 from cdl_fmu.slave.interface import ENVIRONMENT, contact_jacobian, wheel_pose, wheel_wrench
 from cdl_fmu.slave.kernel import kernel
-from cdl_fmu.slave.model import KernelModel, ModelError
+from cdl_fmu.slave.model import KernelModel, Rule
 from cdl_fmu.slave.records import Real, Record
 
 from .interface import is_sent
@@ -51,6 +51,7 @@ class Carriage(KernelModel):
             z=Real(0.135, "m", "Start height of the wheel's centre; 0.135 puts the wheel of Table 8.2 on ground at 0", (), -_LIMIT, _LIMIT),
         ),
     )
+    rules = (Rule("gravity = 0 m/s2: the wheel's inertia is load / gravity; use a gravity above 0", lambda p: p.gravity == 0.0),)
     inputs = wheel_wrench(1) | contact_jacobian(1)
     state = Record(
         z=Real(0.0, "m", "Height of the wheel's centre"),
@@ -67,10 +68,6 @@ class Carriage(KernelModel):
             raise ValueError(f"n_wheels = {n_wheels}: a carriage moves 1 wheel")
         self.initialise_kernel = _initialise
         self.step_kernel = _step
-
-    def check(self, p) -> None:
-        if p.gravity == 0.0:
-            raise ModelError("gravity = 0 m/s2: the wheel's inertia is load / gravity; use a gravity above 0")
 
 
 @kernel

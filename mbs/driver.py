@@ -6,7 +6,7 @@ import math
 
 from cdl_fmu.slave.interface import wheel_pose
 from cdl_fmu.slave.kernel import kernel
-from cdl_fmu.slave.model import KernelModel, ModelError
+from cdl_fmu.slave.model import KernelModel, Rule
 from cdl_fmu.slave.records import Array, Real, Record
 
 from .interface import commands, joints
@@ -39,6 +39,12 @@ class Driver(KernelModel):
         ),
         servo_time=Real(0.02, "s", "Time constant of the steering servo (assumption)", min=1e-6, max=100.0),
     )
+    rules = (
+        Rule(
+            "steer_at[2] = {p.steer_at[1]:g} m: it must be at least steer_at[1] = {p.steer_at[0]:g} m (passed in order)",
+            lambda p: p.steer_at[0] > p.steer_at[1],
+        ),
+    )
     state = Record(passed=Real(0.0, "1", "Number of thresholds passed"))
 
     def __init__(self, n_wheels: int = 2):
@@ -50,10 +56,6 @@ class Driver(KernelModel):
         self.outputs = commands(n_wheels)
         self.initialise_kernel = _initialise
         self.step_kernel = _step
-
-    def check(self, p) -> None:
-        if p.steer_at[0] > p.steer_at[1]:
-            raise ModelError(f"steer_at[2] = {p.steer_at[1]:g} m: it must be at least steer_at[1] = {p.steer_at[0]:g} m (passed in order)")
 
 
 @kernel

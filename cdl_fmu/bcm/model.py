@@ -15,9 +15,9 @@ from ..frames import cross, dot
 from ..mesh.pool import ConstantPool
 from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
-from ..slave.model import KernelModel, ModelError
+from ..slave.model import KernelModel, Rule
 from ..slave.records import Choice, Real, Record
-from ..soil import SOIL, check_bearing, check_rho
+from ..soil import BEARING_RULES, RHO_RULE, SOIL
 from ..strength import STRENGTH, STRENGTHS
 from ..terrain.follow import TAU_N
 from ..terrain.stand import (
@@ -34,11 +34,13 @@ from ..terrain.stand import (
 )
 from ..terramechanics import bekker_modulus, flow_value, slip_ratio, travel_speed
 from ..unloading import UNLOADING, unloading_of
-from ..wheel import WHEEL, check_wheel
+from ..wheel import WHEEL, WHEEL_RULES
 from . import loads
 from .soil import Soil
 
-_OUTSIDE = 5
+_LOCAL_STRESS = Rule(
+    "normal_model = wong_reece: with compaction the stress is that of the local depth; use bekker", lambda p: p.normal_model == 2.0
+)
 
 
 class BCM(KernelModel):
@@ -80,6 +82,15 @@ class BCM(KernelModel):
             tau_n=TAU_N,
         )
     )
+    rules = (
+        *BEARING_RULES,
+        RHO_RULE,
+        Rule(
+            "slope = {p.slope:g} rad: steeper than the soil's friction holds, phi = {p.phi:.4g} rad; use at most {p.phi:.4g} rad",
+            lambda p: p.slope > p.phi,
+        ),
+        *WHEEL_RULES,
+    )
     events = STAND_EVENTS
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_compacted: int = 0, n_grounds: int = 0):
@@ -101,20 +112,11 @@ class BCM(KernelModel):
             self.step_kernel = (step_on_mesh if n_grounds else step_on_flat)(_contact)
         if n_grounds:
             self.files, self.pool_class = GROUND, ConstantPool
+        if n_compacted:
+            self.rules = (*BCM.rules, _LOCAL_STRESS)
 
     def make_pool(self, p, files) -> ConstantPool | None:
         return ground_pool(files) if self.sizes["n_grounds"] else None
-
-    def check(self, p) -> None:
-        check_bearing(p)
-        check_rho(p)
-        if p.slope > p.phi:
-            raise ModelError(
-                f"slope = {p.slope:g} rad: steeper than the soil's friction holds, phi = {p.phi:.4g} rad; use at most {p.phi:.4g} rad"
-            )
-        if self.sizes["n_compacted"] and p.normal_model == 2.0:
-            raise ModelError("normal_model = wong_reece: with compaction the stress is that of the local depth; use bekker")
-        check_wheel(p)
 
 
 @kernel

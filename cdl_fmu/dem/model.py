@@ -29,8 +29,8 @@ from ..slave.interface import (
 )
 from ..slave.model import Event, KernelModel, ModelError
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL, check_rho
-from ..wheel import WHEEL, check_wheel, tip_radius
+from ..soil import RHO_RULE, SOIL
+from ..wheel import WHEEL, WHEEL_RULES, tip_radius
 from .apriori import grains_of
 from .bed import Bed, BedKey
 from .bed_files import load_bed
@@ -114,6 +114,7 @@ class DEM(KernelModel):
             threads=Real(1.0, "1", "Threads that share the particles, 0 = all of the machine; no result depends on it", min=0.0, max=256.0),
         )
     )
+    rules = (*WHEEL_RULES, RHO_RULE)
     events = WHEEL_EVENTS | {
         FULL: Event(
             "the particles have more contacts than there is room for, or fly off: check the speed of wheels and bodies, "
@@ -159,8 +160,7 @@ class DEM(KernelModel):
         )
 
     def check(self, p) -> None:
-        check_wheel(p)
-        check_rho(p)
+        super().check(p)
         _check_idle(p)
         if p.n_g > 0.0 and p.h_g > 0.0:
             check_feature("h_g", p.h_g, p.d)

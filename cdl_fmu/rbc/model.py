@@ -10,9 +10,9 @@ from ..mesh.contacts import CONTACT
 from ..mesh.pool import ConstantPool, mesh_pool, tool_surfaces
 from ..mesh.tools import BODY, TOOL_EVENTS, TOOLS, tool_files, tool_inputs
 from ..slave.interface import body_wrench, diagnostics, n_pairs, tool_twists, wheel_wrench
-from ..slave.model import Event, KernelModel, ModelError
+from ..slave.model import Event, KernelModel, Rule
 from ..slave.records import Array, Real, Record
-from ..wheel import check_wheel
+from ..wheel import WHEEL, WHEEL_RULES
 from .solve import scratch
 from .step import ARGUMENTS, GROWS, initialise, step
 
@@ -33,6 +33,15 @@ class RBC(KernelModel):
         n_bodies: Number of bodies, such as rocks and floors, that wheels touch, and each other.
     """
 
+    rules = (
+        *WHEEL_RULES,
+        Rule("n_directions = {p.n_directions:g}: it must be a whole number", lambda p: p.n_directions != math.floor(p.n_directions)),
+        Rule("max_sweeps = {p.max_sweeps:g}: it must be a whole number", lambda p: p.max_sweeps != math.floor(p.max_sweeps)),
+        Rule(
+            "n_directions = {p.n_directions:g}: it must be even, so that friction is the same both ways; use 8",
+            lambda p: p.n_directions % 2.0 != 0.0,
+        ),
+    )
     events = TOOL_EVENTS | {
         GROWS: Event(
             "wheel {i} rebounds faster than it came: effective_mass = {p.effective_mass:g} kg is more than what it carries; lower it to "
@@ -102,14 +111,6 @@ class RBC(KernelModel):
             | diagnostics(n_wheels)
         )
 
-    def check(self, p) -> None:
-        check_wheel(p)
-        for name in ("n_directions", "max_sweeps"):
-            if p[name] != math.floor(p[name]):
-                raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")
-        if p.n_directions % 2:
-            raise ModelError(f"n_directions = {p.n_directions:g}: it must be even, so that friction is the same both ways; use 8")
-
     def make_pool(self, p, files) -> ConstantPool:
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
         n, n_tools = n_pairs(n_wheels, n_bodies), n_wheels + n_bodies
@@ -124,3 +125,6 @@ class RBC(KernelModel):
             *scratch(n, int(p.n_directions)),
         )
         return mesh_pool(tool_surfaces(p, n_bodies, files), memory)
+
+    def built_in(self, files) -> tuple[str, ...]:
+        return (*WHEEL.fields, "n_directions")

@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 from ..slave.kernel import kernel
-from ..slave.model import ModelError
+from ..slave.model import Rule
 from ..slave.records import Choice, Real, Record
 from ..strength import exponential
 from .tiles import QUANTUM
@@ -40,14 +40,13 @@ COMPRESSIBLE = Record(
 )
 
 
-def check_density(p) -> None:
-    """Raise ModelError for a compressible soil that is as dense as can be from the start."""
-    if p.compressible == 2.0 and (1.0 + p.e_min) * p.rho >= p.rho_s:
-        raise ModelError(
-            f"e_min = {p.e_min:g}: not below the void ratio rho_s/rho - 1 = {p.rho_s / p.rho - 1.0:.4g} of undisturbed soil, "
-            f"rho = {p.rho:g} kg/m3; use at most {p.rho_s / (1.0 + p.e_min):.4g} kg/m3 for rho, a smaller e_min, or as rho_s, "
-            f"{p.rho_s:g} kg/m3, the density of the grains that this soil has"
-        )
+#: Compressible soil that is not as dense as can be from the start.
+DENSITY_RULE = Rule(
+    "e_min = {p.e_min:g}: not below the void ratio rho_s/rho - 1 = {voids:.4g} of undisturbed soil, rho = {p.rho:g} kg/m3; use at most "
+    "{most:.4g} kg/m3 for rho, a smaller e_min, or as rho_s, {p.rho_s:g} kg/m3, the density of the grains that this soil has",
+    lambda p: p.compressible == 2.0 and (1.0 + p.e_min) * p.rho >= p.rho_s,
+    dict(voids=lambda p: p.rho_s / p.rho - 1.0, most=lambda p: p.rho_s / (1.0 + p.e_min)),
+)
 
 
 class Density(NamedTuple):

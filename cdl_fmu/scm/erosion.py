@@ -14,6 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ..frames import vertical
 from ..slave.kernel import kernel
@@ -55,7 +56,7 @@ _AROUND = TILE + EDGE + 1
 DTYPE = np.dtype([(name, np.float64, (_AROUND, _AROUND)) for name in ("z", "held", "moved")] + [("steep", np.float64, (_AROUND,))])
 
 
-@kernel
+@register_jitable
 def repose_of(p):
     """Angle of repose [rad]: ``repose``, or phi where that is 0."""
     return max(p.repose if p.repose > 0.0 else p.phi, _LEAST_REPOSE)

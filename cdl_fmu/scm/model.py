@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ..contact import WHEEL_EVENTS
 from ..slave.interface import (
@@ -19,19 +20,19 @@ from ..slave.interface import (
     wheel_wrench,
 )
 from ..slave.kernel import MOST_THREADS
-from ..slave.model import Event, KernelModel, ModelError
+from ..slave.model import Event, KernelModel, ModelError, Rule
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL, check_bearing, check_rho
+from ..soil import BEARING_RULES, RHO_RULE, SOIL
 from ..strength import STRENGTH, STRENGTHS
 from ..terrain.raster import load_raster
 from ..unloading import UNLOADING
-from ..wheel import WHEEL, check_wheel
+from ..wheel import WHEEL, WHEEL_RULES
 from .bodies import BODY_NO_DATA, BODY_OUTSIDE, BODY_STILL_NO_DATA, BODY_THROUGH, NO_MESH
 from .columns import SETTLED, WIDTH
-from .density import COMPRESSIBLE, check_density
+from .density import COMPRESSIBLE, DENSITY_RULE
 from .erosion import repose_of
 from .meshes import PER_CELL, PER_CELL_OF_BODIES, load_meshes
-from .pool import SoilPool
+from .pool import SoilPool, resize
 from .step import ARGUMENTS, FULL, NO_ROOM_TO_SLIDE, OUTSIDE, PATCH_OUTSIDE, THROUGH, initialise, step_kernels
 from .tiles import LONGEST_QUEUE
 
@@ -98,6 +99,35 @@ class SCM(KernelModel):
             max_tiles=Real(200_000.0, "1", "Most tiles of 16 x 16 cells (31 kB each) that may be touched", min=1.0, max=1e8),
         )
     )
+    rules = (
+        Rule(
+            "cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {most:.3g} m",
+            lambda p: p.cell > p.b_w / 3.0,
+            dict(most=lambda p: p.b_w / 3.0),
+        ),
+        *WHEEL_RULES,
+        RHO_RULE,
+        Rule(
+            "slope = {p.slope:g} rad: steeper than the soil's angle of repose, {repose:.4g} rad, it slides down by itself; "
+            "use at most {repose:.4g} rad, or raise repose (0 = phi)",
+            lambda p: p.slope > repose_of(p),
+            dict(repose=repose_of),
+        ),
+        Rule(
+            "erosion_sweeps = {p.erosion_sweeps:g}: it must be a whole number", lambda p: p.erosion_sweeps != math.floor(p.erosion_sweeps)
+        ),
+        Rule("max_tiles = {p.max_tiles:g}: it must be a whole number", lambda p: p.max_tiles != math.floor(p.max_tiles)),
+        Rule(
+            "map_min = {p.map_min[0]:g} m along x: it must be less than map_max, which is {p.map_max[0]:g} m",
+            lambda p: p.map_min[0] >= p.map_max[0],
+        ),
+        Rule(
+            "map_min = {p.map_min[1]:g} m along y: it must be less than map_max, which is {p.map_max[1]:g} m",
+            lambda p: p.map_min[1] >= p.map_max[1],
+        ),
+        *(replace(rule, applies=lambda p: p.pressure_model == 1.0) for rule in BEARING_RULES),
+        DENSITY_RULE,
+    )
     events = WHEEL_EVENTS | {
         OUTSIDE: Event(
             "wheel {i}, at ({wheel.r_0[0]:.4g}, {wheel.r_0[1]:.4g}) m, leaves the map: keep it, half a wheel's length inside, "
@@ -135,6 +165,7 @@ class SCM(KernelModel):
     pool_class = SoilPool
     arguments = ARGUMENTS
     initialise_kernel = staticmethod(initialise)
+    resize_kernel = staticmethod(resize)
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0, n_compacted: int = 0):
         if n_compacted not in (0, n_patches):
@@ -187,37 +218,12 @@ class SCM(KernelModel):
         self.step_kernel, self.parallel_step_kernel = step_kernels(n_compacted > 0)
 
     def check(self, p) -> None:
-        if p.cell > p.b_w / 3.0:
-            raise ModelError(
-                f"cell = {p.cell:g} m: larger than a third of the wheel's width b_w = {p.b_w:g} m; use at most {p.b_w / 3.0:.3g} m"
-            )
-        check_wheel(p)
-        check_rho(p)
-        least = _SHORTEST_CONTACT * p.r_w / _HALF_PATCH
-        if self.sizes["n_patches"] and p.patch_spacing < least:
-            raise ModelError(
-                f"patch_spacing = {p.patch_spacing:g} m: a patch of 13 x 9 nodes does not reach around the contact of a wheel of "
-                f"r_w = {p.r_w:g} m; use at least {least:.3g} m"
-            )
-        if p.slope > (repose := repose_of.py_func(p)):
-            raise ModelError(
-                f"slope = {p.slope:g} rad: steeper than the soil's angle of repose, {repose:.4g} rad, it slides down by itself; "
-                f"use at most {repose:.4g} rad, or raise repose (0 = phi)"
-            )
-        for name in ("erosion_sweeps", "max_tiles"):
-            if p[name] != math.floor(p[name]):
-                raise ModelError(f"{name} = {p[name]:g}: it must be a whole number")
-        for axis, low, high in zip("xy", p.map_min, p.map_max):
-            if low >= high:
-                raise ModelError(f"map_min = {low:g} m along {axis}: it must be less than map_max, which is {high:g} m")
+        super().check(p)
         if p.threads != math.floor(p.threads) or p.threads > MOST_THREADS:
             raise ModelError(
                 f"threads = {p.threads:g}: it must be a whole number, on this machine at most {MOST_THREADS}; "
                 "numba's variable NUMBA_NUM_THREADS allows more"
             )
-        if p.pressure_model == 1.0:
-            check_bearing(p)
-        check_density(p)
 
     def make_pool(self, p, files) -> SoilPool:
         n_wheels, n_bodies = self.sizes["n_wheels"], self.sizes["n_bodies"]
@@ -232,10 +238,12 @@ class SCM(KernelModel):
                     f"{name} = {files[name].name}: its width b = {width:.4g} m gives k_c/b + k_phi <= 0; "
                     f"give {name.replace('mesh', 'b')} above {-p.k_c / p.k_phi:.4g} m, or another soil"
                 )
-        across = max(p.b_w, 0.5 * p.b_w + p.r_w + p.h_g)  # of a wheel with any camber
-        reach = math.hypot(p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell, across + 4.0 * p.cell)
         try:
             base = load_raster(files["base"]) if "base" in files else None
         except ModelError as error:
             raise ModelError(f"base = {error}") from None
-        return SoilPool(p.cell, max(reach, meshes.reach + 5.0 * p.cell), n_wheels + n_bodies, int(p.max_tiles), base, meshes)
+        return SoilPool(p, n_wheels + n_bodies, base, meshes)
+
+    def built_in(self, files) -> tuple[str, ...]:
+        meshed = any(name.endswith("mesh") for name in files)
+        return ("r_w", "b_w", "h_g", "cell", "max_tiles", "body") if meshed else ()

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ..slave.interface import body_pose
+from ..slave.kernel import kernel
 from ..slave.pool import RowPool, SavedRows
 from ..slave.records import Real, Record
 from ..terrain.raster import Raster
@@ -29,29 +31,54 @@ _MORE = Record(
 _POSE = (body_pose(1).fields["body"].record | _MORE).dtype
 
 
+@register_jitable
+def sizes_of(p, n_tools, reach):
+    """Sizes for tools whose meshes reach this far from their middles [m].
+
+    Returns:
+        Tiles and cells that a tool's surroundings may overlap along an axis, and tiles that one step may touch.
+    """
+    across = max(p.b_w, 0.5 * p.b_w + p.r_w + p.h_g)  # of a wheel with any camber
+    wheel = math.hypot(p.r_w + p.h_g + 0.5 * p.b_w + 4.0 * p.cell, across + 4.0 * p.cell)
+    span = max(wheel, reach + 5.0 * p.cell)  # largest horizontal distance from a tool's middle that its contact reads or changes
+    tiles = math.ceil(2.0 * span / (p.cell * TILE)) + 2
+    return tiles, math.ceil(2.0 * span / p.cell) + 3, n_tools * tiles * tiles + 32
+
+
+#: Places of the extents of rows, marks, grid, cells and outflow among those of all arrays.
+_ROWS, _MARKS, _GRID, _CELLS, _OUTFLOW = 0, 4, 16, 21, 27
+
+
+@kernel
+def resize(p, extents, growth):
+    """Extents of the arrays of a pool without meshes."""
+    tiles, across, growth[0] = sizes_of(p, extents[_GRID], 0.0)
+    growth[1] = int(p.max_tiles)
+    extents[_ROWS] = extents[_MARKS] = min(growth[0], growth[1])
+    extents[_GRID + 1] = extents[_GRID + 2] = tiles
+    extents[_CELLS + 1], extents[_OUTFLOW + 1] = across * across, across
+
+
 class SoilPool(RowPool):
     """Tiles of soil; the kernels get rows, marks and head, the undisturbed ground, the meshes, and memory that holds nothing between steps.
 
     Args:
-        cell: Size of a cell [m].
-        span: Largest horizontal distance from a tool's middle that its contact reads or changes [m].
+        p: Parameters of the model.
         n_tools: Number of tools.
-        limit: Most tiles there may be.
         base: The undisturbed ground; None: flat.
         meshes: Surfaces of the tools.
     """
 
-    def __init__(self, cell: float, span: float, n_tools: int, limit: int, base: Raster | None, meshes: Meshes):
-        tiles = math.ceil(2.0 * span / (cell * TILE)) + 2  # that a tool's surroundings may overlap along an axis
-        across = math.ceil(2.0 * span / cell) + 3  # cells
+    def __init__(self, p: np.recarray, n_tools: int, base: Raster | None, meshes: Meshes):
+        tiles, across, per_step = sizes_of(p, n_tools, meshes.reach)
         most = int(np.ptp(meshes.ranges, axis=1).max())  # elements of a tool
-        ground, frame = (np.zeros((1, 1)), (0.0, 0.0, 1.0)) if base is None else (base.z, (*base.origin, base.spacing))
+        ground, frame = (np.zeros((1, 1)), np.zeros(3)) if base is None else (base.z, (*base.origin, base.spacing))
         super().__init__(
             (FIELDS, TILE, TILE),
             marks=MARKS,
             head=HEAD,
-            per_step=n_tools * tiles * tiles + 32,
-            limit=limit,
+            per_step=per_step,
+            limit=int(p.max_tiles),
             extra=(ground, np.array(frame), meshes.elements, meshes.ranges, meshes.shapes),
             scratch=(
                 np.zeros((n_tools, tiles, tiles), np.int64),  # grid: rows of the tiles around each tool

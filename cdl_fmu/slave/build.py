@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import shutil
 import sys
 import tempfile
 import zipfile
@@ -14,6 +12,7 @@ from types import MappingProxyType
 
 from pythonfmu import FmuBuilder
 
+from .archive import checked_files, digest, write_archive
 from .description import DISTRIBUTION, installed_version, model_guid
 from .kernel import cache_folder, sources_hash
 from .model import Instance, Model, ModelError
@@ -47,7 +46,7 @@ _NONE: Mapping = MappingProxyType({})
 
 def cached_fmu(model: Model, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Path of the model's FMU with these start values and files in the user's cache, built there if it or its sources are new."""
-    packed = sorted((name, path.name, _digest(path)) for name, path in _checked(model, files).items())
+    packed = sorted((name, path.name, digest(path)) for name, path in checked_files(model, files).items())
     key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
@@ -65,13 +64,12 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
     cls = type(model)
     if cls.__module__ == "__main__":
         raise ModelError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to build an FMU of it")
-    files = _checked(model, files)
+    files = checked_files(model, files)
     if files:  # a file that is refused at the start of a run is refused here
         instance = Instance(model)
         instance.set_starts(starts)
         model.make_pool(instance.p, files)
-    contents = {packed.name: _digest(packed) for packed in files.values()}
-    path.parent.mkdir(parents=True, exist_ok=True)
+    contents = {packed.name: digest(packed) for packed in files.values()}
     script = _SCRIPT.format(
         identifier=model.identifier,
         distribution=DISTRIBUTION,
@@ -83,8 +81,7 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
         contents=dict(sorted(contents.items())),
         sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
     )
-    # Beside the target: the finished FMU takes its name in one step, and another process sees it whole or not at all.
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".build-") as folder:
+    with tempfile.TemporaryDirectory(prefix="cdl-build-") as folder:
         # All FMUs of a process share one table of modules: a name of its own for each content.
         module = f"{model.identifier}_{hashlib.sha256(script.encode()).hexdigest()[:12]}"
         script_file = Path(folder, f"{module}.py")
@@ -96,39 +93,6 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
             # The builder imports the script by name; an FMU of the same name must not find that module later.
             sys.path[:] = known_path
             sys.modules.pop(module, None)
-        finished = Path(folder, "finished")
-        _repack(packed, finished)
-        os.replace(finished, path)
+        with zipfile.ZipFile(packed) as archive:
+            write_archive(path, {name: archive.read(name) for name in archive.namelist()})
     return path
-
-
-def _checked(model: Model, files: Mapping[str, Path]) -> dict[str, Path]:
-    """The files, all of which can be packed."""
-    by_name: dict[str, tuple[str, Path]] = {}
-    for name, path in files.items():
-        if name not in model.files:
-            raise ModelError(f"{model.identifier} has no file parameter {name!r}; it has {', '.join(model.files) or 'none'}")
-        if not path.is_file():
-            raise ModelError(f"{name} = '{path}': no such file; correct the path ({model.files[name]})")
-        # Some systems take names for the same that differ in capitals.
-        other, other_path = by_name.setdefault(path.name.casefold(), (name, path))
-        if not path.samefile(other_path):
-            raise ModelError(f"{name} = '{path}' and {other} = '{other_path}' have one name, and lie in one folder of the FMU: rename one")
-    return dict(files)
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _repack(source: Path, target: Path) -> None:
-    """Same files, sorted, without time stamps: the same sources give the same bytes, whatever the system."""
-    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
-        for name in sorted(old.namelist()):
-            info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
-            info.create_system = 3  # Unix, on Windows too
-            info.external_attr = 0o644 << 16
-            info.compress_type = zipfile.ZIP_DEFLATED
-            with old.open(name) as content, new.open(info, "w") as out:
-                shutil.copyfileobj(content, out)

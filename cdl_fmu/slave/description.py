@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import version
 from types import MappingProxyType
@@ -23,8 +23,8 @@ _OPTIONS = {
     "canGetAndSetFMUstate": "true",
     "canSerializeFMUstate": "true",
 }
-# Record -> causality and attributes of its variables; the state is no variable of the FMU.
-_CAUSALITY = {
+#: Record -> causality and attributes of its variables; the state is no variable of the FMU.
+CAUSALITY = {
     "p": {"causality": "parameter", "variability": "fixed"},
     "u": {"causality": "input"},
     "y": {"causality": "output"},
@@ -41,7 +41,7 @@ def value_references(model: Model) -> list[tuple[str, int, Scalar]]:
     """(record, value reference, scalar) of every variable; the reference is the offset in the block ``[p|u|x|y]``."""
     out, start = [], 0
     for part, scalars in model.scalars.items():
-        if part in _CAUSALITY:
+        if part in CAUSALITY:
             out += [(part, start + s.offset, s) for s in scalars]
         start += len(scalars)
     return out
@@ -51,41 +51,27 @@ _NONE: Mapping = MappingProxyType({})
 
 
 def model_guid(model: Model, starts: Mapping[str, float | str] = _NONE, contents: Mapping[str, str] = _NONE) -> str:
-    """Identifies interface, version, start values and files: if they are the same the GUID is the same, else it is another one."""
-    digest = hashlib.sha256(tostring(_description(model, guid="", starts=starts)))
+    """Identifies interface, version, start values and files: if they are the same the GUID is the same, else it is another one.
+
+    Arguments as of :func:`model_description`; ``contents`` has the hash of each file packed, by its name.
+    """
+    digest = hashlib.sha256(tostring(model_description(model, "", starts)))
     for packed in sorted(contents.items()):
         digest.update(repr(packed).encode())
     return f"{{{UUID(bytes=digest.digest()[:16])}}}"
 
 
-def model_description(model: Model, starts: Mapping[str, float | str], contents: Mapping[str, str]) -> Element:
+def model_description(model: Model, guid: str, starts: Mapping[str, float | str]) -> Element:
     """Root element of modelDescription.xml.
 
-    ``starts`` replaces start values of parameters and inputs, by FMI name; ``contents`` has the hash of each file packed, by its name.
+    ``starts`` replaces start values of parameters and inputs, by FMI name.
     """
-    return _description(model, model_guid(model, starts, contents), starts)
-
-
-def _description(model: Model, guid: str, starts: Mapping[str, float | str]) -> Element:
-    root = Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=model.identifier,
-        guid=guid,
-        description=(type(model).__doc__ or "").split("\n")[0],
-        version=installed_version(),
-        license="BSD-3-Clause",
-        generationTool=f"{DISTRIBUTION} {installed_version()}",
-        variableNamingConvention="structured",
-    )
+    root = root_element(model, fmiVersion="2.0", guid=guid)
     SubElement(root, "CoSimulation", _OPTIONS, modelIdentifier=model.identifier)
     variables = value_references(model)
-    _units(root, sorted({s.field.unit for _, _, s in variables}))
+    declare_units(root, {s.field.unit for _, _, s in variables})
     _types(root, [s for _, _, s in variables])
-    categories = SubElement(root, "LogCategories")
-    for status, what in (("Warning", "continue with a doubt"), ("Error", "name what was refused and the remedy")):
-        SubElement(categories, "Category", name=f"logStatus{status}", description=f"Messages that {what}")
-    SubElement(root, "DefaultExperiment", startTime="0", stepSize="0.001")
+    declare_log_and_steps(root)
     listing = SubElement(root, "ModelVariables")
     for part, reference, scalar in variables:
         _variable(listing, part, reference, scalar, starts.get(scalar.name, scalar.start))
@@ -103,9 +89,32 @@ def _description(model: Model, guid: str, starts: Mapping[str, float | str]) -> 
     return root
 
 
-def _units(root: Element, units: list[str]) -> None:
+def root_element(model: Model, **identity: str) -> Element:
+    """Root of a description, for FMI 2 and FMI 3 alike but for version and GUID."""
+    return Element(
+        "fmiModelDescription",
+        identity,
+        modelName=model.identifier,
+        description=(type(model).__doc__ or "").split("\n")[0],
+        version=installed_version(),
+        license="BSD-3-Clause",
+        generationTool=f"{DISTRIBUTION} {installed_version()}",
+        variableNamingConvention="structured",
+    )
+
+
+def declare_log_and_steps(root: Element) -> None:
+    """Declare the categories of messages, and the step that systems are made for."""
+    categories = SubElement(root, "LogCategories")
+    for status, what in (("Warning", "continue with a doubt"), ("Error", "name what was refused and the remedy")):
+        SubElement(categories, "Category", name=f"logStatus{status}", description=f"Messages that {what}")
+    SubElement(root, "DefaultExperiment", startTime="0", stepSize="0.001")
+
+
+def declare_units(root: Element, units: Iterable[str]) -> None:
+    """Declare units with their exponents of base units."""
     definitions = SubElement(root, "UnitDefinitions")
-    for unit in units:
+    for unit in sorted(units):
         declared = SubElement(definitions, "Unit", name=unit)
         exponents = base_unit(unit)
         if exponents is not None:
@@ -117,17 +126,18 @@ def _types(root: Element, scalars: list[Scalar]) -> None:
     if choices:
         definitions = SubElement(root, "TypeDefinitions")
         for scalar in choices:
-            enumeration = SubElement(SubElement(definitions, "SimpleType", name=_type_name(scalar)), "Enumeration")
+            enumeration = SubElement(SubElement(definitions, "SimpleType", name=type_name(scalar.name)), "Enumeration")
             for value, (option, text) in enumerate(scalar.field.options.items(), 1):
                 SubElement(enumeration, "Item", name=option, value=str(value), description=text)
 
 
-def _type_name(scalar: Scalar) -> str:
-    return f"Choice_{scalar.name}"
+def type_name(name: str) -> str:
+    """Name of the type of a choice."""
+    return f"Choice_{name}"
 
 
 def _attributes(name: str, reference: int, description: str, part: str) -> dict[str, str]:
-    return {"name": name, "valueReference": str(reference), "description": description, **_CAUSALITY[part]}
+    return {"name": name, "valueReference": str(reference), "description": description, **CAUSALITY[part]}
 
 
 def _variable(listing: Element, part: str, reference: int, scalar: Scalar, start: float) -> None:
@@ -135,7 +145,7 @@ def _variable(listing: Element, part: str, reference: int, scalar: Scalar, start
     variable = SubElement(listing, "ScalarVariable", _attributes(scalar.name, reference, field.description, part))
     attributes = {} if part == "y" else {"start": f"{start:.17g}"}
     if isinstance(field, Choice):
-        SubElement(variable, "Enumeration", attributes, declaredType=_type_name(scalar))
+        SubElement(variable, "Enumeration", attributes, declaredType=type_name(scalar.name))
         return
     bounds = {key: f"{bound:.17g}" for key, bound in (("min", field.min), ("max", field.max)) if abs(bound) != float("inf")}
     SubElement(variable, "Real", {"unit": field.unit, **bounds, **attributes})

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -35,6 +35,25 @@ class Event:
     is_error: bool = True
 
 
+@dataclass(frozen=True)
+class Rule:
+    """What parameters keep together, beyond the bounds of each.
+
+    Native FMUs have it compiled, so ``broken`` and ``numbers`` are arithmetic on the fields of p alone.
+
+    Attributes:
+        text: Format of what is said where it is broken, ``name = value unit: why; remedy``, of p (``{p.r_w:g}``) and of the numbers.
+        broken: True for parameters p that break it.
+        numbers: What the text tells beside the parameters: name -> value for p.
+        applies: True for parameters p to which it applies; None: to all.
+    """
+
+    text: str
+    broken: Callable[[np.recarray], bool]
+    numbers: Mapping[str, Callable[[np.recarray], float]] = field(default_factory=dict)
+    applies: Callable[[np.recarray], bool] | None = None
+
+
 #: A step returns ``status + STATUS_SPAN * index``: the number of an event, and the index from 0 of what it is about.
 STATUS_SPAN = 256
 
@@ -46,6 +65,7 @@ class Model:
         identifier: FMI model identifier; sizes are part of it.
         sizes: The keyword arguments that built this model.
         parameters, inputs, state, outputs: Records p, u, x, y.
+        rules: What parameters have to keep, in the order in which they are looked at.
         events: Meaning of the status numbers that ``step`` returns (0 = fine).
         feedthrough: False if no output at t depends on an input at t, so that a master may break a cycle here.
         files: Parameters that name a file, with their descriptions; they are strings and live beside the records.
@@ -57,6 +77,7 @@ class Model:
     inputs: Record
     state: Record
     outputs: Record
+    rules: tuple[Rule, ...] = ()
     events: dict[int, Event] = {}
     feedthrough = True
     files: dict[str, str] = {}
@@ -66,7 +87,10 @@ class Model:
         self.sizes = sizes
 
     def check(self, p: np.recarray) -> None:
-        """Raise ModelError for parameters that are within their bounds but do not fit together: ``name = value unit: why; remedy``."""
+        """Raise ModelError for parameters that are within their bounds but break a rule."""
+        for rule in self.rules:
+            if (rule.applies is None or rule.applies(p)) and rule.broken(p):
+                raise ModelError(rule.text.format(p=p, **{name: number(p) for name, number in rule.numbers.items()}))
 
     def prepare(self, p: np.recarray, files: dict[str, Path], progress: Callable[[str, float], None]) -> None:
         """Make what takes minutes, once for these parameters: kept on this machine, ``make_pool`` finds it there. Arguments as there.
@@ -129,12 +153,24 @@ class KernelModel(Model):
     ``"x.wheel"`` is an array of records, of any length, ``"x"`` one of length one, of the record's fields before the first such array, and
     the pool's arrays are one tuple. ``initialise_kernel`` gets those that are no inputs. A model that has a parameter ``threads`` has a
     twin of its step for several threads, ``parallel_step_kernel``, and ``arguments``, as numba's prange hands no records to its threads.
+
+    A native FMU holds the pool as it was made when the FMU was built (see ``built_in``). Where the extents of arrays hang on parameters
+    that may change after that, ``resize_kernel(p, extents, growth)`` writes them over those of then: of all arrays in their order, and
+    the numbers ``per_step`` and ``limit`` of a RowPool.
     """
 
     initialise_kernel: object
     step_kernel: object
     parallel_step_kernel: object | None = None
     arguments: tuple[str, ...] | None = None
+    resize_kernel: object | None = None
+
+    def built_in(self, files: Container[str]) -> tuple[str, ...]:
+        """Parameters, by their names or the name of the array of records that holds them, for which a native FMU's pool is made.
+
+        Those on which the content of the pool with these files depends, and the extents of its arrays, unless ``resize_kernel`` knows them.
+        """
+        return ()
 
     def pieces(self) -> list[Piece]:
         """What the kernels take of the block, in their order."""

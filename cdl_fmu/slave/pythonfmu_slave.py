@@ -77,7 +77,8 @@ class RecordSlave(Fmi2Slave):
         self._failure = ""
 
     def to_xml(self, model_options=None) -> Element:
-        return model_description(self.instance.model, self.starts, self.contents)
+        model = self.instance.model
+        return model_description(model, model_guid(model, self.starts, self.contents), self.starts)
 
     # -- values: lists in, lists out
 

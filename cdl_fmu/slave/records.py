@@ -7,6 +7,7 @@ Everything is stored as float64, so a model's memory is one block and a value re
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product, takewhile
@@ -78,6 +79,20 @@ class Array:
 
 
 @dataclass(frozen=True)
+class Variable:
+    """A field of a record, all its elements in one: its FMI name, the offset in the record at which it begins, and the field."""
+
+    name: str
+    offset: int
+    field: Real | Choice
+
+    @property
+    def length(self) -> int:
+        """Number of its elements."""
+        return math.prod(self.field.shape)
+
+
+@dataclass(frozen=True)
 class Scalar:
     """One float64 of a record: its FMI name, offset in the record, its field, start value and where the array it is part of begins."""
 
@@ -124,13 +139,13 @@ class Record:
         """The fields before the first array of records."""
         return Record(**dict(takewhile(lambda item: not isinstance(item[1], Array), self.fields.items())))
 
-    def scalars(self) -> list[Scalar]:
-        """Every float64 of the record in memory order (row-major)."""
-        out: list[Scalar] = []
+    def variables(self) -> list[Variable]:
+        """Every field of the record and of those in it, in memory order."""
+        out: list[Variable] = []
         self._walk("", out)
         return out
 
-    def _walk(self, prefix: str, out: list[Scalar]) -> None:
+    def _walk(self, prefix: str, out: list[Variable]) -> None:
         for name, field in self.fields.items():
             if isinstance(field, Array):
                 for i in range(field.n):
@@ -138,8 +153,15 @@ class Record:
             elif isinstance(field, Record):
                 field._walk(f"{prefix}{name}.", out)
             else:
-                for index, start in zip(_indices(field.shape), field.starts().flat):
-                    out.append(Scalar(f"{prefix}{name}{index}", len(out), field, float(start)))
+                out.append(Variable(f"{prefix}{name}", out[-1].offset + out[-1].length if out else 0, field))
+
+    def scalars(self) -> list[Scalar]:
+        """Every float64 of the record in memory order (row-major)."""
+        return [
+            Scalar(f"{variable.name}{index}", variable.offset + i, variable.field, float(start))
+            for variable in self.variables()
+            for i, (index, start) in enumerate(zip(_indices(variable.field.shape), variable.field.starts().flat))
+        ]
 
     def starts(self) -> np.ndarray:
         """Start values of all scalars, in memory order."""

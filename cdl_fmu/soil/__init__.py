@@ -8,7 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from ..slave.interface import ENVIRONMENT
-from ..slave.model import ModelError
+from ..slave.model import Rule
 from ..slave.records import Real, Record
 
 _FOLDER = Path(__file__).parent
@@ -40,21 +40,23 @@ SOIL = Record(
 )
 
 
-def check_rho(p) -> None:
-    """Raise ModelError for a density that no soil has, as one in g/cm3; 0 takes the soil's weight away."""
-    if 0.0 < p.rho < _LIGHTEST:
-        raise ModelError(f"rho = {p.rho:g} kg/m3: lighter than any soil; use at least {_LIGHTEST:g} kg/m3 (1 g/cm3 is 1000 kg/m3), or 0")
+#: Density of a soil, which people give in g/cm3; 0 takes the soil's weight away.
+RHO_RULE = Rule(
+    f"rho = {{p.rho:g}} kg/m3: lighter than any soil; use at least {_LIGHTEST:g} kg/m3 (1 g/cm3 is 1000 kg/m3), or 0",
+    lambda p: 0.0 < p.rho < _LIGHTEST,
+)
 
+_BEARING = "k_c = {p.k_c:g} N/m^{power:.4g}: k_c/b + k_phi %s 0 for wheel width b = {p.b_w:g} m; use %sanother soil"
+_ABOVE_0 = "a wheel wider than {least:.3g} m or "
+_TELL = dict(power=lambda p: p.n + 1.0, least=lambda p: -p.k_c / p.k_phi)
 
-def check_bearing(p) -> None:
-    """Raise ModelError for a soil that bears nothing under the width of the wheel, by Bekker's law."""
-    modulus = p.k_c / p.b_w + p.k_phi
-    if modulus <= 0.0:
-        least = f"a wheel wider than {-p.k_c / p.k_phi:.3g} m or " if p.k_phi > 0.0 else ""
-        raise ModelError(
-            f"k_c = {p.k_c:g} N/m^{p.n + 1:.4g}: k_c/b + k_phi {'<' if modulus < 0.0 else '='} 0 for wheel width b = {p.b_w:g} m; "
-            f"use {least}another soil"
-        )
+#: Soil that bears something under the width of the wheel, by Bekker's law.
+BEARING_RULES = (
+    Rule(_BEARING % ("<", _ABOVE_0), lambda p: p.k_c / p.b_w + p.k_phi < 0.0 < p.k_phi, _TELL),
+    Rule(_BEARING % ("=", _ABOVE_0), lambda p: p.k_c / p.b_w + p.k_phi == 0.0 < p.k_phi, _TELL),
+    Rule(_BEARING % ("<", ""), lambda p: p.k_c < 0.0 == p.k_phi, dict(power=_TELL["power"])),
+    Rule(_BEARING % ("=", ""), lambda p: p.k_c == 0.0 == p.k_phi, dict(power=_TELL["power"])),
+)
 
 
 class SoilError(ValueError):

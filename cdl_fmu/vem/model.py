@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..mesh.pool import CANDIDATES, ConstantPool, mesh_pool, tool_surfaces
@@ -9,7 +11,7 @@ from ..mesh.tools import BODY, TOOL_EVENTS, TOOLS, tool_files, tool_inputs
 from ..slave.interface import contact_jacobian, diagnostics, pair_contacts, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.model import KernelModel
 from ..slave.records import Array, Choice, Real, Record
-from ..soil import SOIL, check_bearing
+from ..soil import BEARING_RULES, SOIL
 from ..terrain.follow import TAU_N
 from ..terrain.stand import (
     GROUND,
@@ -23,7 +25,7 @@ from ..terrain.stand import (
     step_on_mesh,
     step_on_patches,
 )
-from ..wheel import WHEEL, check_wheel
+from ..wheel import WHEEL, WHEEL_RULES
 from .several import ARGUMENTS, initialise_bodies, step_on_bodies
 from .single import LINEAR, contact_with_plane
 
@@ -64,6 +66,7 @@ class VEM(KernelModel):
         | FRICTION
         | Record(tau_n=TAU_N)
     )
+    rules = (*WHEEL_RULES, *(replace(rule, applies=lambda p: p.normal_model != LINEAR) for rule in BEARING_RULES))
     events = STAND_EVENTS
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0, n_grounds: int = 0):
@@ -107,7 +110,5 @@ class VEM(KernelModel):
             return mesh_pool(tool_surfaces(p, self.sizes["n_bodies"], files), (np.zeros(CANDIDATES),))
         return ground_pool(files) if self.sizes["n_grounds"] else None
 
-    def check(self, p) -> None:
-        check_wheel(p)
-        if p.normal_model != LINEAR:
-            check_bearing(p)
+    def built_in(self, files) -> tuple[str, ...]:
+        return tuple(WHEEL.fields) if self.sizes["n_bodies"] else ()

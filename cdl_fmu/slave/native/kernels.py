@@ -1,21 +1,11 @@
 """Object code of a model's kernels: what a native FMU is linked from, free of Python, of numba and of the build host's CPU.
 
-A model becomes two C functions over its one block of doubles ``[p|u|x|y]``, in which a value reference is an offset::
+A model becomes four C functions, which ``c/model.h`` declares, over its one block of doubles ``[p|u|x|y]``, in which a value reference is
+an offset, and over the arrays of its pool (see ``Model.make_pool``): ``arrays[i]`` points to the first element of array i, row-major, of
+float64, int64 or records of float64 as in Python; ``extents`` has those of array 0, then those of array 1, and so on. They may be others at
+each call: memory that grows between steps stays with the caller, which keeps the rules of the model's pool class.
 
-    int32_t <identifier>_initialise(int32_t *status, void **exc, double t, double *block);
-    int32_t <identifier>_step(int32_t *status, void **exc, double t, double h, double *block);
-
-A model with a pool takes the pool's arrays (see ``Model.make_pool``) in its last two arguments::
-
-    int32_t <identifier>_initialise(int32_t *status, void **exc, double t, double *block, void **arrays, const int64_t *shapes);
-    int32_t <identifier>_step(int32_t *status, void **exc, double t, double h, double *block, void **arrays, const int64_t *shapes);
-
-``arrays[i]`` points to the first element of array i, row-major, of float64, int64 or records of float64 as in Python; ``shapes`` has the
-extents of array 0, then those of array 1, and so on. They may be others at each call: memory that grows between steps stays with the
-caller, which keeps the rules of the model's pool class.
-
-``status`` receives what the kernel returned (0 = fine, see ``Model.events``); the functions' own return value is non-zero if
-the kernel raised. They hold no global state, so any number of instances may run in any number of threads.
+The functions hold no global state, so any number of instances may run in any number of threads.
 """
 
 from __future__ import annotations
@@ -26,10 +16,11 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from .model import KernelModel
+from ..model import KernelModel, Rule
 
 #: Functions of libm that the object may leave undefined; LLVM joins a sin and a cos of one angle to glibc's sincos.
 LIBM = frozenset(
@@ -54,15 +45,15 @@ class ExportError(Exception):
     """A model's kernels cannot stand without Python; the message says what they call and what to change."""
 
 
-def object_code(model: KernelModel, triple: str | None = None) -> bytes:
-    """Compile a model's kernels to an object file.
+def object_code(model: KernelModel, triples: Sequence[str]) -> list[bytes]:
+    """Compile a model's kernels to object files.
 
     Args:
         model: The model, of a class that can be imported by name.
-        triple: LLVM target triple of the same processor architecture, such as ``x86_64-pc-windows-gnu``; default is this machine's.
+        triples: LLVM target triples of this machine's processor architecture, such as ``x86_64-pc-windows-gnu``.
 
     Returns:
-        The object file; of foreign functions it needs only those in ``LIBM`` and ``MEMORY``.
+        An object file for each; of foreign functions it needs only those in ``LIBM`` and ``MEMORY``.
 
     Raises:
         ExportError: The kernels need more than that, or the class cannot be imported.
@@ -72,21 +63,21 @@ def object_code(model: KernelModel, triple: str | None = None) -> bytes:
         raise ExportError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to export it")
     environment = os.environ | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{model.identifier}.o"
-        order = json.dumps([cls.__module__, cls.__qualname__, model.sizes, triple, str(path)])
+        paths = [Path(folder, f"{i}.o") for i, _ in enumerate(triples)]
+        order = json.dumps([cls.__module__, cls.__qualname__, model.sizes, [*triples], [*map(str, paths)]])
         done = subprocess.run([sys.executable, "-m", __name__], input=order, env=environment, capture_output=True, text=True)
         if done.returncode:
             raise ExportError(f"{model.identifier}: {done.stderr.strip()}")
-        return path.read_bytes()
+        return [path.read_bytes() for path in paths]
 
 
 def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
-    """Both entries compiled: IR and symbol, by the name that each gets in the object."""
+    """All entries compiled: IR and symbol, by the name that each gets in the object."""
     import numba
     import numpy as np
     from numba import carray, float64, int32, int64, types
 
-    from .kernel import OPTIONS
+    from ..kernel import OPTIONS
 
     pieces = model.pieces()
     # As the block has no bytes for an array of length 0, that is no record of an array of length 1, from its begin.
@@ -95,31 +86,50 @@ def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
     size = max(offset + np.dtype(one).itemsize for offset, one in zip(offsets, formats))
     names = [piece.name for piece in pieces]
     block = types.CPointer(numba.from_dtype(np.dtype(dict(names=names, formats=formats, offsets=offsets, itemsize=size))))
+    parameters = types.CPointer(numba.from_dtype(model.parameters.dtype))
     taken = {piece.name: f"b.{piece.name}" + ("[0]" if piece.name.isupper() else f"[:{piece.n}]") for piece in pieces}
     kept = [expression for name, expression in taken.items() if name[0] not in "uU"]
     pool = model.make_pool(model.parameters.starts().view(model.parameters.dtype).view(np.recarray)[0], {})
     arrays = () if pool is None else pool.arrays
-    names, views = _views(arrays)
+    views = _views(arrays)
     if views and model.arguments is not None:
         views = [f"({', '.join(views)},)"]
+    resize = f"resize_kernel(carray(parameters, 1)[0], carray(extents, {sum(a.ndim for a in arrays)}), growth)"
+    if model.resize_kernel is None:
+        resize = "pass"
     source = f"""
-def initialise({", ".join(("t", "block", *names))}):
+def initialise(t, block, arrays, extents):
     b = carray(block, 1)[0]
     initialise_kernel({", ".join(("t", *kept, *views))})
     return int32(0)
 
-def step({", ".join(("t", "h", "block", *names))}):
+def step(t, h, block, arrays, extents):
     b = carray(block, 1)[0]
     return int32(step_kernel({", ".join(("t", "h", *taken.values(), *views))}))
-"""
-    kernels = {"initialise_kernel": model.initialise_kernel, "step_kernel": model.step_kernel}
-    dtypes = {f"dtype{i}": array.dtype for i, array in enumerate(arrays)}
-    scope = {"carray": carray, "int32": int32, **dtypes, **kernels}
-    exec(source, scope)
-    more = (types.CPointer(types.voidptr), types.CPointer(int64)) if names else ()
 
+def check(parameters, numbers):
+    p = carray(parameters, 1)[0]
+{_rules(model.rules)}
+    return int32(0)
+
+def resize(parameters, extents, growth):
+    {resize}
+    return int32(0)
+"""
+    kernels = {"initialise_kernel": model.initialise_kernel, "step_kernel": model.step_kernel, "resize_kernel": model.resize_kernel}
+    dtypes = {f"dtype{i}": array.dtype for i, array in enumerate(arrays)}
+    scope = {"carray": carray, "int32": int32, **dtypes, **kernels, **_functions(model.rules)}
+    exec(source, scope)
+
+    doubles, integers, pool_types = types.CPointer(float64), types.CPointer(int64), (types.CPointer(types.voidptr), types.CPointer(int64))
+    signatures = {
+        "initialise": (float64, block, *pool_types),
+        "step": (float64, float64, block, *pool_types),
+        "check": (parameters, doubles),
+        "resize": (parameters, integers, integers),
+    }
     compiled = {}
-    for name, signature in ("initialise", (float64, block, *more)), ("step", (float64, float64, block, *more)):
+    for name, signature in signatures.items():
         # Not cfunc: its wrapper pulls in Python's C API. carray wants numba's run-time, of which _emit leaves nothing.
         entry = numba.njit(**OPTIONS | {"_nrt": True})(scope[name])
         try:
@@ -127,28 +137,56 @@ def step({", ".join(("t", "h", "block", *names))}):
         except numba.core.errors.NumbaError as error:
             raise ExportError(f"the kernels do not compile; {_RULE}\n{error}") from error
         result = entry.overloads[signature]
-        compiled[f"{model.identifier}_{name}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name
+        compiled[f"model_{name}"] = result.library.get_llvm_str(), result.fndesc.llvm_func_name
     return compiled
 
 
-def _views(arrays: tuple) -> tuple[tuple[str, ...], list[str]]:
-    """Names of the arguments by which an entry gets a pool's arrays, and an expression for each array in them."""
+def _views(arrays: tuple) -> list[str]:
+    """An expression for each of a pool's arrays in an entry's arguments ``arrays`` and ``extents``."""
     views, at = [], 0
     for i, array in enumerate(arrays):
-        extents = "".join(f"shapes[{at + k}], " for k in range(array.ndim))
+        extents = "".join(f"extents[{at + k}], " for k in range(array.ndim))
         views.append(f"carray(arrays[{i}], ({extents}), dtype{i})")
         at += array.ndim
-    return ("arrays", "shapes") if arrays else (), views
+    return views
 
 
-def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
+def _rules(rules: Sequence[Rule]) -> str:
+    """Lines that find the first broken rule, tell its numbers, and return its number from 1."""
+    lines = []
+    for i, rule in enumerate(rules):
+        applies = "" if rule.applies is None else f"applies{i}(p) and "
+        lines += [f"    if {applies}broken{i}(p):"]
+        lines += [f"        numbers[{k}] = number{i}_{k}(p)" for k, _ in enumerate(rule.numbers)]
+        lines += [f"        return int32({i + 1})"]
+    return "\n".join(lines)
+
+
+def _functions(rules: Sequence[Rule]) -> dict[str, object]:
+    """The functions in these lines, for numba."""
+    from numba.extending import register_jitable
+
+    functions = {f"broken{i}": rule.broken for i, rule in enumerate(rules)}
+    functions |= {f"applies{i}": rule.applies for i, rule in enumerate(rules) if rule.applies}
+    functions |= {f"number{i}_{k}": number for i, rule in enumerate(rules) for k, number in enumerate(rule.numbers.values())}
+    return {name: register_jitable(function) for name, function in functions.items()}
+
+
+def target_machine(triple: str):
+    """LLVM's code generator for any processor of this architecture."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    cpu = "x86-64" if triple.startswith("x86_64") else "generic"
+    return llvm.Target.from_triple(triple).create_target_machine(cpu=cpu, opt=3, reloc="pic", codemodel="small")
+
+
+def _emit(entries: dict[str, tuple[str, str]], triple: str) -> bytes:
     """Object file of the entries and what they call, and nothing else."""
     import llvmlite.binding as llvm
 
-    triple = triple or llvm.get_process_triple()
-    machine = llvm.Target.from_triple(triple).create_target_machine(
-        cpu="x86-64" if triple.startswith("x86_64") else "generic", opt=3, reloc="pic", codemodel="small"
-    )
+    machine = target_machine(triple)
     module = llvm.parse_assembly("")
     for name, (ir, symbol) in entries.items():
         part = llvm.parse_assembly(_COUNTS.sub(r"\1  ret void\n}", ir))
@@ -156,7 +194,7 @@ def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
             if not value.is_declaration:
                 value.linkage = "internal"
         entry = part.get_function(symbol)
-        entry.linkage, entry.name = "external", name
+        entry.linkage, entry.name, entry.visibility = "external", name, "hidden"
         module.link_in(part)
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
@@ -173,10 +211,12 @@ def _emit(entries: dict[str, tuple[str, str]], triple: str | None) -> bytes:
 
 
 def _main() -> None:
-    module, name, sizes, triple, path = json.load(sys.stdin)
+    module, name, sizes, triples, paths = json.load(sys.stdin)
     model = getattr(import_module(module), name)(**sizes)
     try:
-        Path(path).write_bytes(_emit(_entries(model), triple))
+        entries = _entries(model)
+        for triple, path in zip(triples, paths):
+            Path(path).write_bytes(_emit(entries, triple))
     except ExportError as error:
         sys.exit(str(error))
 

@@ -1,0 +1,146 @@
+"""Build native FMUs, which need neither Python nor this package: kernels, one table and the C files beside this one, linked."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from importlib.metadata import distribution
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree.ElementTree import Element, tostring
+
+from ..archive import checked_files, digest, write_archive
+from ..compiler import Platform, compile_shared
+from ..description import DISTRIBUTION, installed_version, model_description, model_guid
+from ..kernel import cache_folder, sources_hash
+from ..model import Instance, KernelModel
+from ..records import Record
+from .description3 import model_description3
+from .kernels import object_code
+from .table import content_of, table_object
+
+_C = Path(__file__).parent / "c"
+#: Platform -> LLVM's target triple, the folder of its binary in FMI 2 and in FMI 3, and the suffix.
+_PLATFORMS: dict[Platform, tuple[str, str, str, str]] = {
+    "linux64": ("x86_64-unknown-linux-gnu", "linux64", "x86_64-linux", ".so"),
+    "win64": ("x86_64-w64-windows-gnu", "win64", "x86_64-windows", ".dll"),
+}
+#: What the binaries hold code of, and where each has its licence: kernels call functions of numba, and compilers add their run-time.
+_LICENCES = {
+    DISTRIBUTION: "LICENSE",
+    "numba": "LICENSE",
+    "ziglang": "ziglang/LICENSE",
+    "ziglang ": "ziglang/lib/libc/mingw/COPYING",
+}
+_NONE: Mapping = MappingProxyType({})
+
+
+def cached_native_fmu(model: KernelModel, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
+    """Path of the model's native FMU of FMI 2 with these start values and files in the user's cache, built there if it is new."""
+    packed = sorted((name, path.name, digest(path)) for name, path in checked_files(model, files).items())
+    key = hashlib.sha256(f"native {sources_hash()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
+    path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
+    if not path.exists():
+        build_native_fmus(model, {"2.0": path}, starts, files)
+    return path
+
+
+def build_native_fmus(
+    model: KernelModel, paths: Mapping[str, Path], starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE
+) -> None:
+    """Write a model's native FMUs, with binaries for linux64 and win64.
+
+    Args:
+        model: The model, of a class that can be imported by name.
+        paths: File to write, by FMI version: "2.0", "3.0" or both.
+        starts: Start values of parameters and inputs in place of the records', by FMI name.
+        files: Files whose content the FMU holds, by the name of the file parameter.
+
+    Raises:
+        ModelError: No such file parameter, a file that is missing or that the model refuses, or parameters that do not fit together.
+        ExportError: The kernels cannot stand without Python.
+        CompilerError: There is no C compiler for both platforms.
+    """
+    model = _serial(model)
+    files = checked_files(model, files)
+    instance = Instance(model)
+    instance.set_starts(starts)
+    instance.check()
+    names = {name: files[name].name if name in files else "" for name in model.files}
+    given = instance.block.copy()
+    pool = model.make_pool(instance.p, files)
+    contents = {path.name: digest(path) for path in files.values()} | {"sources": sources_hash()}
+    guid = model_guid(model, starts, contents)
+    with tempfile.TemporaryDirectory(prefix="cdl-native-") as folder:
+        binaries = {}
+        for platform, (triple, _, _, suffix) in _PLATFORMS.items():
+            table = Path(folder, f"{platform}.o")
+            table.write_bytes(table_object(model, guid, given, names, pool, model.built_in(files), triple))
+            binaries[platform] = Path(folder, platform, f"{model.identifier}{suffix}")
+            binaries[platform].parent.mkdir()
+            compile_shared(
+                sorted(_C.glob("*.c")),
+                binaries[platform],
+                platform=platform,
+                objects=[table, _kernels(model)[platform]],
+                flags=[f"-I{Path(find_spec('fmpy').origin).parent / 'c-code'}"],  # FMI's own headers
+                libraries=["m"],
+            )
+        arrays = content_of(pool)
+        content = guid.encode() + b"".join(a.tobytes() for a in arrays) if arrays else b""
+        for version, path in paths.items():
+            if version == "2.0":
+                description = model_description(model, guid, {**starts, **{name: text for name, text in names.items() if text}})
+            else:
+                description = model_description3(model, guid, given, names)
+            _write(path, version, description, binaries, content)
+
+
+def _serial(model: KernelModel) -> KernelModel:
+    """The model as it is exported: with one thread."""
+    if "threads" not in model.parameters.fields:
+        return model
+    serial = copy(model)
+    serial.__dict__.pop("scalars", None)
+    threads = replace(model.parameters.fields["threads"], start=1.0, max=1.0, description="Threads; a native FMU has one")
+    serial.parameters = Record(**{**model.parameters.fields, "threads": threads})
+    return serial
+
+
+def _kernels(model: KernelModel) -> dict[Platform, Path]:
+    """Object files of the model's kernels in the user's cache, made there if their sources are new."""
+    folder = cache_folder("native", sources_hash()[:16])
+    paths = {platform: folder / f"{model.identifier}-{type(model).__module__}.{platform}.o" for platform in _PLATFORMS}
+    if not all(path.exists() for path in paths.values()):
+        for path, code in zip(paths.values(), object_code(model, [triple for triple, *_ in _PLATFORMS.values()])):
+            # Beside the target: the finished file takes its name in one step.
+            with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+                file.write(code)
+            os.replace(file.name, path)
+    return paths
+
+
+def _write(path: Path, version: str, description: Element, binaries: Mapping[Platform, Path], content: bytes) -> None:
+    """Write the archive, which appears at once or not at all."""
+    column = {"2.0": 1, "3.0": 2}[version]
+    members = {"modelDescription.xml": b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(description)}
+    members |= {f"binaries/{_PLATFORMS[platform][column]}/{file.name}": file.read_bytes() for platform, file in binaries.items()}
+    members |= {f"documentation/licenses/{name}": text for name, text in _licences().items()}
+    if content:
+        members["resources/constants.bin"] = content
+    write_archive(path, members)
+
+
+def _licences() -> dict[str, bytes]:
+    """Texts by file name; FMI wants that of the FMU itself under the name license.txt."""
+    texts = {}
+    for package, file in _LICENCES.items():
+        text = distribution(package.strip()).read_text(f"licenses/{file}")
+        name = "license.txt" if package == DISTRIBUTION else f"{package.strip()}-{file.replace('/', '-')}.txt"
+        texts[name] = (text or "").encode()
+    return texts
