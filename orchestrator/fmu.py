@@ -271,7 +271,7 @@ class Slave:
         raise SlaveError(f"{self.name} {what}{when}: {said}") from cause
 
     def _log(self, environment, instance, status, category, message) -> None:
-        text = (message or b"").decode(errors="replace")
+        text = (message or b"").decode(errors="replace").replace("%%", "%")  # it is a format as for printf, without arguments
         if status == _WARNING:
             self._warn(text)
         elif status >= _DISCARD and not (self._errors and text.startswith("Fatal py exception")):

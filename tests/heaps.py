@@ -1,9 +1,11 @@
 """A small model with a pool: what falls at a place makes a heap there, and memory grows with the number of heaps."""
 
+import math
+
 import numpy as np
 
 from cdl_fmu.slave.kernel import kernel
-from cdl_fmu.slave.model import STATUS_SPAN, Event, KernelModel, ModelError
+from cdl_fmu.slave.model import STATUS_SPAN, Event, KernelModel, ModelError, Rule
 from cdl_fmu.slave.pool import RowPool
 from cdl_fmu.slave.records import Real, Record
 
@@ -14,7 +16,8 @@ class Heaps(KernelModel):
     """Rows of ``CELLS`` cells [kg], taken where something falls first; ``marks[r, 1]`` is the place of row r, ``head[1]`` counts steps."""
 
     identifier = "heaps"
-    events = {FULL: Event("outlet {i}: no heap is left for its place; raise limit")}
+    events = {FULL: Event("outlet {i}: no heap is left for its place; raise limit = {p.limit:.0f}")}
+    rules = (Rule("limit = {p.limit:g}: it must be a whole number", lambda p: p.limit != math.floor(p.limit)),)
     parameters = Record(
         rate=Real(1.0, "kg/s", "Mass flow", min=0.0, max=1e3),
         limit=Real(64.0, "1", "Most heaps", min=1.0, max=1e6),
@@ -34,9 +37,11 @@ class Heaps(KernelModel):
             raise ModelError(f"shares = '{files['shares']}': {shares.size} numbers; it must have {CELLS}")
         return RowPool((CELLS,), marks=2, head=2, per_step=2, limit=int(p.limit), extra=(shares,), scratch=(np.empty(CELLS),))
 
-    def check(self, p):
-        if p.limit != int(p.limit):
-            raise ModelError(f"limit = {p.limit:g}: it must be a whole number")
+    @staticmethod
+    @kernel
+    def resize_kernel(p, extents, growth):
+        growth[1] = int(p.limit)
+        extents[0] = extents[2] = min(growth[0], growth[1])
 
     @staticmethod
     @kernel

@@ -137,6 +137,7 @@ class DEM(KernelModel):
     initialise_kernel = staticmethod(initialise)
     step_kernel = staticmethod(step)
     parallel_step_kernel = staticmethod(parallel_step)
+    needs_python = "between steps Python puts particles into the boxes and takes them out, and settles the bed"
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0):
         super().__init__(n_wheels=n_wheels, n_patches=n_patches, n_bodies=n_bodies)

@@ -40,6 +40,12 @@ _MAP = "map_min, map_max ({p.map_min[0]:g} to {p.map_max[0]:g} m in x, {p.map_mi
 
 #: A patch reaches this many nodes from the wheel's centre to its nearer edges, and has to reach this far, in radii of the wheel.
 _HALF_PATCH, _SHORTEST_CONTACT = 3.5, 0.75
+_REACHING = Rule(
+    "patch_spacing = {p.patch_spacing:g} m: a patch of 13 x 9 nodes does not reach around the contact of a wheel of r_w = {p.r_w:g} m; "
+    "use at least {least:.3g} m",
+    lambda p: p.patch_spacing < _SHORTEST_CONTACT * p.r_w / _HALF_PATCH,
+    dict(least=lambda p: _SHORTEST_CONTACT * p.r_w / _HALF_PATCH),
+)
 
 
 class SCM(KernelModel):
@@ -216,6 +222,8 @@ class SCM(KernelModel):
             | body_support(n_bodies)
         )
         self.step_kernel, self.parallel_step_kernel = step_kernels(n_compacted > 0)
+        if n_patches:
+            self.rules = (*SCM.rules, _REACHING)
 
     def check(self, p) -> None:
         super().check(p)

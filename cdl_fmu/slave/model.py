@@ -156,7 +156,7 @@ class KernelModel(Model):
 
     A native FMU holds the pool as it was made when the FMU was built (see ``built_in``). Where the extents of arrays hang on parameters
     that may change after that, ``resize_kernel(p, extents, growth)`` writes them over those of then: of all arrays in their order, and
-    the numbers ``per_step`` and ``limit`` of a RowPool.
+    the numbers ``per_step`` and ``limit`` of a RowPool. What keeps a model from becoming a native FMU is said in ``needs_python``.
     """
 
     initialise_kernel: object
@@ -164,6 +164,7 @@ class KernelModel(Model):
     parallel_step_kernel: object | None = None
     arguments: tuple[str, ...] | None = None
     resize_kernel: object | None = None
+    needs_python: str = ""
 
     def built_in(self, files: Container[str]) -> tuple[str, ...]:
         """Parameters, by their names or the name of the array of records that holds them, for which a native FMU's pool is made.

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import distribution
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,7 +22,7 @@ from ..kernel import cache_folder, sources_hash
 from ..model import Instance, KernelModel
 from ..records import Record
 from .description3 import model_description3
-from .kernels import object_code
+from .kernels import ExportError, object_code
 from .table import content_of, table_object
 
 _C = Path(__file__).parent / "c"
@@ -43,7 +44,7 @@ _NONE: Mapping = MappingProxyType({})
 def cached_native_fmu(model: KernelModel, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Path of the model's native FMU of FMI 2 with these start values and files in the user's cache, built there if it is new."""
     packed = sorted((name, path.name, digest(path)) for name, path in checked_files(model, files).items())
-    key = hashlib.sha256(f"native {sources_hash()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
+    key = hashlib.sha256(f"native {_sources()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
         build_native_fmus(model, {"2.0": path}, starts, files)
@@ -66,6 +67,10 @@ def build_native_fmus(
         ExportError: The kernels cannot stand without Python.
         CompilerError: There is no C compiler for both platforms.
     """
+    if model.needs_python:
+        raise ExportError(
+            f"{model.identifier} cannot be a native FMU: {model.needs_python}; take the FMU that 'cdl build {model.identifier}' makes"
+        )
     model = _serial(model)
     files = checked_files(model, files)
     instance = Instance(model)
@@ -74,7 +79,7 @@ def build_native_fmus(
     names = {name: files[name].name if name in files else "" for name in model.files}
     given = instance.block.copy()
     pool = model.make_pool(instance.p, files)
-    contents = {path.name: digest(path) for path in files.values()} | {"sources": sources_hash()}
+    contents = {path.name: digest(path) for path in files.values()} | {"sources": _sources()}
     guid = model_guid(model, starts, contents)
     with tempfile.TemporaryDirectory(prefix="cdl-native-") as folder:
         binaries = {}
@@ -99,6 +104,12 @@ def build_native_fmus(
             else:
                 description = model_description3(model, guid, given, names)
             _write(path, version, description, binaries, content)
+
+
+@cache
+def _sources() -> str:
+    """Hash [hex] of all that binaries are made of."""
+    return hashlib.sha256(sources_hash().encode() + b"".join(path.read_bytes() for path in sorted(_C.iterdir()))).hexdigest()
 
 
 def _serial(model: KernelModel) -> KernelModel:

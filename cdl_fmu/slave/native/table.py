@@ -132,8 +132,8 @@ class _Table:
         places = {"p": _Place(self.model.parameters.dtype, 0)}
         inputs = self.model.inputs
         for name, field in inputs.fields.items():
-            if isinstance(field, Array) and field.n:
-                places[name] = _Place(field.record.dtype, inputs.dtype.fields[name][1])
+            if isinstance(field, Array):  # nothing is ever said of an empty one
+                places[name] = _Place(field.record.dtype, inputs.dtype.fields[name][1] if field.n else 0)
         for literal, field, spec, _ in Formatter().parse(text):
             if literal:
                 yield _TEXT, literal, (0, 0)

@@ -26,11 +26,20 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
+/* The logger takes a format as printf does, but hosts in Python can read no arguments of it: the text is the format. */
 static void say(const struct instance *m, int status, const char *text)
 {
     fmi2CallbackLogger logger = (fmi2CallbackLogger)m->logger;
-    if (logger)
-        logger(m->environment, m->name, (fmi2Status)status, status == WARNING ? "logStatusWarning" : "logStatusError", "%s", text);
+    if (!logger)
+        return;
+    char format[4096], *end = format;
+    for (; *text && end < format + sizeof format - 3; text++) {
+        if (*text == '%')
+            *end++ = '%';
+        *end++ = *text;
+    }
+    *end = 0;
+    logger(m->environment, m->name, (fmi2Status)status, status == WARNING ? "logStatusWarning" : "logStatusError", format);
 }
 
 /* The value of a hexadecimal digit, -1 for other characters. */
