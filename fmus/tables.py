@@ -22,8 +22,8 @@ they are connected.
 
 A row is a variable or an array: `wheel[i].r_0[3]` is `wheel[1].r_0[1]`, `wheel[1].r_0[2]`, `wheel[1].r_0[3]`, then the same of wheel 2.
 Start, bounds and meaning hold for each element; elements that start differently are listed, row by row. A choice is an Enumeration, whose
-start is named. A file is a String, the path of a file; empty = none. The unit `1` is none. Bounds are inclusive: a parameter or input beyond
-them is refused, with its name, unit and bound. Outputs have no start.
+start is named. A file is a String, the path of a file; empty = none. The unit `1` is none. Bounds are inclusive: a parameter or input
+beyond them is refused, with its name, unit and bound. Outputs have no start.
 
 Each kind of FMU has its whole table once, for its smallest size; below stands what larger sizes have besides.
 """

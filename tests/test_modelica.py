@@ -1,5 +1,7 @@
 """The Modelica package: it parses, its interface is that of the FMUs, its adapter's equations hold, and its example runs."""
 
+import re
+import textwrap
 from itertools import chain
 from pathlib import Path
 
@@ -63,6 +65,11 @@ def test_the_signals_are_those_of_a_wheel_of_a_contact_fmu(name, pose_is):
         assert str(signal.type).endswith(pose_is) == (name in pose), name
 
 
+def blocks(page):
+    """The blocks of Modelica on a page."""
+    return [textwrap.dedent(code) for code in re.findall(r"^ *```modelica\n(.*?)^ *```", page.read_text(encoding="utf-8"), re.M | re.S)]
+
+
 def value(expression, values):
     """What an expression of the parse tree comes to; ``der(...)`` is looked up."""
     if isinstance(expression, ast.ComponentRef):
@@ -91,6 +98,21 @@ def test_the_adapter_turns_vectors_as_the_contact_models_do():
     # What acts on the body is the reaction to the cut force on the adapter.
     assert -found["frame_a.f"] == pytest.approx(np.array(resolve2(T, *f_0)))
     assert -found["frame_a.t"] == pytest.approx(np.array(resolve2(T, *t_0)))
+
+
+def test_the_handbook_writes_the_adapter_out_as_it_is():
+    code = blocks(ROOT / "fmus" / "README.md")[0]
+    shown = {line.split("//")[0].strip() for line in code.splitlines()}
+    model = (LIBRARY / "ContactDynamics" / "WheelFrame.mo").read_text(encoding="utf-8")
+    assert len(shown) == 6 and shown <= {line.strip() for line in model.splitlines()}
+
+
+@pytest.mark.parametrize("page", ["dymola", "openmodelica"])
+def test_the_classes_on_a_tools_page_parse(page):
+    classes = [code for code in blocks(ROOT / "fmus" / "tools" / f"{page}.md") if code.startswith(("block", "model"))]
+    assert classes
+    for code in classes:
+        assert pymoca.parser.parse(code) is not None, code
 
 
 def test_the_example_is_connected_all_through():
