@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import shutil
 import sys
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
 from pythonfmu import FmuBuilder
 
+from .compiler import CompilerError
 from .description import DISTRIBUTION, installed_version, model_guid
 from .kernel import cache_folder, sources_hash
+from .loader import WRAPPER, python_loader
 from .model import Instance, Model, ModelError
 
 _SCRIPT = '''"""FMU {identifier} of {distribution} {version}; the model itself is in the installed package."""
@@ -48,7 +52,8 @@ _NONE: Mapping = MappingProxyType({})
 def cached_fmu(model: Model, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Path of the model's FMU with these start values and files in the user's cache, built there if it or its sources are new."""
     packed = sorted((name, path.name, _digest(path)) for name, path in _checked(model, files).items())
-    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
+    loader = hashlib.sha256(_loader() or b"").hexdigest()
+    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())} {packed} {loader}".encode()).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
         build_fmu(model, path, starts, files)
@@ -56,8 +61,9 @@ def cached_fmu(model: Model, starts: Mapping[str, float | str] = _NONE, files: M
 
 
 def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
-    """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``.
+    """Write the model's pythonfmu FMU (linux64 and win64 binaries) to ``path``.
 
+    Where no C compiler is at hand, its Linux binary is pythonfmu's wrapper alone, for hosts in Python (see ``python_loader``).
     ``starts`` replaces start values of parameters and inputs, by FMI name; ``files`` are packed into the FMU, by the name of the file
     parameter whose start value each becomes. Raises ModelError for a class that cannot be imported by name, for no such file parameter,
     for a file that is missing or that the model refuses, and for two files of one name.
@@ -97,7 +103,7 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
             sys.path[:] = known_path
             sys.modules.pop(module, None)
         finished = Path(folder, "finished")
-        _repack(packed, finished)
+        _repack(packed, finished, model.identifier)
         os.replace(finished, path)
     return path
 
@@ -122,13 +128,29 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _repack(source: Path, target: Path) -> None:
-    """Same files, sorted, without time stamps: the same sources give the same bytes, whatever the system."""
+def _loader() -> bytes | None:
+    """The library that starts Python in other hosts, or None without a compiler: 'cdl build' and 'cdl doctor' tell."""
+    try:
+        return python_loader()
+    except CompilerError:
+        return None
+
+
+def _repack(source: Path, target: Path, identifier: str) -> None:
+    """Same files, sorted, without time stamps: the same sources give the same bytes, whatever the system.
+
+    The loader takes the place of pythonfmu's Linux wrapper, which moves beside it.
+    """
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
-        for name in sorted(old.namelist()):
+        contents = {name: partial(old.open, name) for name in old.namelist()}
+        if loader := _loader():
+            binary = f"binaries/linux64/{identifier}.so"
+            contents[f"binaries/linux64/{WRAPPER}"] = contents[binary]
+            contents[binary] = partial(io.BytesIO, loader)
+        for name in sorted(contents):
             info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
             info.create_system = 3  # Unix, on Windows too
             info.external_attr = 0o644 << 16
             info.compress_type = zipfile.ZIP_DEFLATED
-            with old.open(name) as content, new.open(info, "w") as out:
+            with contents[name]() as content, new.open(info, "w") as out:
                 shutil.copyfileobj(content, out)
