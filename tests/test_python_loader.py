@@ -138,16 +138,21 @@ def test_what_is_no_python(host):
     assert said == "CDL_PYTHON: 'true' is no Python that answers, see its messages"
 
 
-def test_a_python_without_the_package(host, tmp_path):
+@pytest.fixture
+def bare(tmp_path):
+    """A Python environment with nothing in it."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "bare"], check=True)
-    python = tmp_path / "bare" / "bin" / "python"
-    said = refused(host([(BCM(1), {}, [])], CDL_PYTHON=str(python), PYTHONPATH=None))
-    assert said == f"CDL_PYTHON is Python {sys.version_info[0]}.{sys.version_info[1]}, {python}, which has no package cdl_fmu"
+    return tmp_path / "bare" / "bin" / "python"
+
+
+def test_a_python_without_the_package(host, bare):
+    said = refused(host([(BCM(1), {}, [])], CDL_PYTHON=str(bare), PYTHONPATH=None))
+    assert said == f"CDL_PYTHON is Python {sys.version_info[0]}.{sys.version_info[1]}, {bare}, which has no cdl-fmu"
 
 
 def test_a_python_without_a_shared_library(host, tmp_path):
     python = tmp_path / "python"
-    python.write_text("#!/bin/sh\necho hello\nprintf 'cdl-fmu\\t3.12\\t/opt/python\\t\\tyes\\n'\n")
+    python.write_text("#!/bin/sh\necho hello\nprintf 'cdl-fmu\\t3.12\\t/opt/python\\t\\t0.1.0\\n'\n")
     python.chmod(0o755)
     said = refused(host([(BCM(1), {}, [])], CDL_PYTHON=str(python)))
     assert said == (
@@ -155,10 +160,12 @@ def test_a_python_without_a_shared_library(host, tmp_path):
     )
 
 
-def test_a_python_without_what_the_package_needs(host, tmp_path):
+def test_a_python_without_what_the_package_needs(host, bare):
     """The FMU's own message reaches a host that asked for no logging."""
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "bare"], check=True)
-    done = host([(BCM(1), {}, [])], CDL_PYTHON=str(tmp_path / "bare" / "bin" / "python"))
+    (site,) = bare.parents[1].glob("lib/python*/site-packages")
+    (site / "cdl_fmu-0.1.0.dist-info").mkdir()
+    (site / "cdl_fmu-0.1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: cdl-fmu\nVersion: 0.1.0\n")
+    done = host([(BCM(1), {}, [])], CDL_PYTHON=str(bare))
     assert done.returncode == 3
     assert "FMU cdl_bcm_w1 needs cdl-fmu 0.1.0 in the Python that runs it: pip install cdl-fmu==0.1.0 (No module named" in done.stdout
 
@@ -168,8 +175,10 @@ def no_compiler():
 
 
 def test_without_a_compiler_an_fmu_is_for_hosts_in_python(monkeypatch, tmp_path):
+    usual = cached_fmu(BCM(1))  # with the loader where a compiler is at hand
     monkeypatch.setattr(build, "python_loader", no_compiler)
     path = build_fmu(BCM(1), tmp_path / "bcm.fmu")
+    assert usual.parent != cached_fmu(BCM(1)).parent
     with zipfile.ZipFile(path) as archive:
         binaries = {name for name in archive.namelist() if name.startswith("binaries/linux64/") and not name.endswith("/")}
     assert binaries == {"binaries/linux64/cdl_bcm_w1.so"}

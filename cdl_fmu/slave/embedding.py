@@ -1,7 +1,7 @@
 """Where programs that are not Python find this one.
 
-An FMU's Linux binary runs the text of this file in the python that it found, of whatever version and with whatever packages: so it
-imports nothing but the standard library.
+An FMU's Linux binary runs the text of this file in the python that it found, with whatever packages that has: so it imports nothing but
+the standard library.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import sysconfig
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, version
 
 
 def shared_library() -> str | None:
@@ -23,9 +23,12 @@ def shared_library() -> str | None:
 
 
 def main() -> None:
-    """Write one line: version, executable, library, and whether the package is here."""
+    """Write one line: Python's version, executable and library, and the version of the package; empty for what is not there."""
     sys.path[:] = [path for path in sys.path if path]  # without the working directory, which the FMU's Python does not search
-    package = "yes" if find_spec("cdl_fmu") else "no"
+    try:
+        package = version("cdl-fmu")
+    except PackageNotFoundError:
+        package = ""
     fields = ("cdl-fmu", f"{sys.version_info[0]}.{sys.version_info[1]}", sys.executable, shared_library() or "", package)
     os.write(1, os.fsencode("\t".join(fields) + "\n"))
 

@@ -154,8 +154,8 @@ static int load_python(Problem *problem)
     if (!library || !rest)
         return fails(problem, "%s: '%s' gave half an answer", from, python);
     snprintf(why, sizeof why, "%s is Python %s, %s,", from, version, executable);
-    if (strcmp(rest, "yes"))
-        return fails(problem, "%s which has no package cdl_fmu", why);
+    if (!*rest) /* of another version the FMU itself will say so */
+        return fails(problem, "%s which has no cdl-fmu", why);
     if (!*library)
         return fails(problem, "%s which has no shared library libpython: use a Python that was built with --enable-shared", why);
     if (!dlopen(library, RTLD_NOW | RTLD_GLOBAL))
