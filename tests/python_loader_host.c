@@ -25,7 +25,8 @@ static void require(int good, const char *what)
     exit(1);
 }
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status, fmi2String category, fmi2String message, ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status, fmi2String category, fmi2String message,
+                   ...)
 {
     va_list values;
     va_start(values, message);

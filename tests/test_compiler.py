@@ -9,7 +9,7 @@ import pytest
 from cdl_fmu.slave import compiler
 from cdl_fmu.slave.compiler import CompilerError, compile_shared
 
-EXPORT = '__attribute__((visibility("default")))' if sys.platform == "linux" else "__declspec(dllexport)"
+EXPORT = '__attribute__((visibility("default")))'
 
 
 @pytest.fixture
