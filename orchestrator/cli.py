@@ -189,6 +189,8 @@ def build(
     """Build FMUs, for use in other tools. Runs need no build: they use a cache."""
     require_platform()
     from cdl_fmu.slave.build import build_fmu
+    from cdl_fmu.slave.compiler import CompilerError
+    from cdl_fmu.slave.loader import python_loader
     from fmus import SHIPPED, model_of
 
     from .terminal import output, table
@@ -202,6 +204,10 @@ def build(
         rows.add_row(path.name, first_line, *(str(len(record)) for record in (model.inputs, model.outputs, model.parameters)))
     output().print(rows)
     print(f"written to {folder}")
+    try:
+        python_loader()
+    except CompilerError as error:
+        say(f"note: tools in C and C++ on Linux do not find Python by themselves for these FMUs: {error}")
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['info']}")

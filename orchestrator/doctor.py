@@ -38,7 +38,7 @@ def examine() -> Iterator[Finding]:
     if cached.state == "ok":  # else the next two fail for the same reason
         yield _tried("kernels", "compiled and run", _run_kernels, _REINSTALL)
         yield _tried("FMU", "built, loaded and stepped", _run_fmu, "see the message; 'cdl info cdl_bcm_w1' shows the FMU's binaries")
-    yield libpython()
+    yield other_tools()
 
 
 def python() -> Finding:
@@ -95,21 +95,31 @@ def cache() -> Finding:
         return Finding("cache", "failed", detail, remedy)
 
 
-def libpython() -> Finding:
-    """What a C or C++ tool needs to run our FMUs: the Linux wrapper expects libpython to be there already."""
+def other_tools() -> Finding:
+    """What a C or C++ tool needs to run our FMUs in Python."""
     if sys.platform != "linux":
         return Finding("other tools", "note", f"they need {Path(sys.executable).parent} on PATH to find python3.dll")
-    library = Path(sysconfig.get_config_var("LIBDIR") or "", sysconfig.get_config_var("INSTSONAME") or "")
-    if not sysconfig.get_config_var("Py_ENABLE_SHARED") or not library.exists():
+    try:
+        # The first import itself raises CacheError: kernels are looked up there.
+        from cdl_fmu.slave.compiler import CompilerError
+        from cdl_fmu.slave.embedding import shared_library
+        from cdl_fmu.slave.loader import python_loader
+    except Exception as error:
+        return Finding("other tools", "note", f"not examined: {error}", "mend what failed above")
+    library = shared_library()
+    if library is None:
         return Finding(
             "other tools",
             "note",
             "this Python has no libpython, so tools in C or C++ cannot run these FMUs",
             "install a Python built with --enable-shared for them",
         )
-    return Finding(
-        "other tools", "ok", f"those in C or C++ find Python with  LD_PRELOAD={library} PYTHONPATH={sysconfig.get_path('purelib')}"
-    )
+    try:
+        python_loader()
+    except CompilerError as error:
+        by_hand = f"those in C or C++ find Python only with  LD_PRELOAD={library} PYTHONPATH={sysconfig.get_path('purelib')}"
+        return Finding("other tools", "note", f"{by_hand}, as {error}", "then build FMUs again: they find Python by themselves")
+    return Finding("other tools", "ok", f"those in C or C++ find this Python with  CDL_PYTHON={sys.executable}  or as python3 on PATH")
 
 
 def _tried(what: str, done: str, attempt: Callable[[], None], remedy: str) -> Finding:

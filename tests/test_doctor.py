@@ -1,12 +1,12 @@
 """The doctor: this machine is well, and what it says where one is not."""
 
 import sys
-import sysconfig
 
 import pytest
 from typer.testing import CliRunner
 
-from cdl_fmu.slave import kernel
+from cdl_fmu.slave import embedding, kernel, loader
+from cdl_fmu.slave.compiler import CompilerError
 from orchestrator import cli, doctor
 from orchestrator.doctor import Finding
 
@@ -77,9 +77,20 @@ def test_a_library_that_does_not_load(monkeypatch):
 
 
 def test_a_python_without_libpython_is_worth_a_note(monkeypatch):
-    monkeypatch.setattr(sysconfig, "get_config_var", lambda name: None)
-    found = doctor.libpython()
+    monkeypatch.setattr(embedding, "shared_library", lambda: None)
+    found = doctor.other_tools()
     assert found.state == "note" and "--enable-shared" in found.remedy
+
+
+def test_a_machine_without_a_compiler_is_worth_a_note(monkeypatch):
+    def none():
+        raise CompilerError("there is no C compiler; install one: pip install ziglang")
+
+    monkeypatch.setattr(embedding, "shared_library", lambda: "/lib/libpython3.12.so.1.0")
+    monkeypatch.setattr(loader, "python_loader", none)
+    found = doctor.other_tools()
+    assert found.state == "note" and "LD_PRELOAD=/lib/libpython3.12.so.1.0 " in found.detail
+    assert found.detail.endswith(", as there is no C compiler; install one: pip install ziglang")
 
 
 def test_whatever_goes_wrong_in_a_trial_is_a_finding(monkeypatch):

@@ -45,7 +45,7 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(wheel):
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in (ROOT / package).rglob("*")
-        if (path.suffix in (".py", ".toml") or path.parent.name == "data") and ROOT / "fmus" / "build" not in path.parents
+        if (path.suffix in (".c", ".h", ".py", ".toml") or path.parent.name == "data") and ROOT / "fmus" / "build" not in path.parents
     }
     assert {"cdl_fmu/soil/mss_d.toml", "fmus/two_wheel.toml", "orchestrator/validate/data/cmu_plates.csv"} <= wanted
     with ZipFile(wheel) as archive:

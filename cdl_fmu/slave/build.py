@@ -13,8 +13,10 @@ from types import MappingProxyType
 from pythonfmu import FmuBuilder
 
 from .archive import checked_files, digest, write_archive
+from .compiler import CompilerError
 from .description import DISTRIBUTION, installed_version, model_guid
 from .kernel import cache_folder, sources_hash
+from .loader import WRAPPER, python_loader
 from .model import Instance, Model, ModelError
 
 _SCRIPT = '''"""FMU {identifier} of {distribution} {version}; the model itself is in the installed package."""
@@ -47,7 +49,8 @@ _NONE: Mapping = MappingProxyType({})
 def cached_fmu(model: Model, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Path of the model's FMU with these start values and files in the user's cache, built there if it or its sources are new."""
     packed = sorted((name, path.name, digest(path)) for name, path in checked_files(model, files).items())
-    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
+    loader = hashlib.sha256(_loader() or b"").hexdigest()
+    key = hashlib.sha256(f"{sources_hash()} {installed_version()} {sorted(starts.items())} {packed} {loader}".encode()).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
         build_fmu(model, path, starts, files)
@@ -55,8 +58,9 @@ def cached_fmu(model: Model, starts: Mapping[str, float | str] = _NONE, files: M
 
 
 def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
-    """Write the model's pythonfmu FMU (linux64 and win64 wrappers) to ``path``.
+    """Write the model's pythonfmu FMU (linux64 and win64 binaries) to ``path``.
 
+    Where no C compiler is at hand, its Linux binary is pythonfmu's wrapper alone, for hosts in Python (see ``python_loader``).
     ``starts`` replaces start values of parameters and inputs, by FMI name; ``files`` are packed into the FMU, by the name of the file
     parameter whose start value each becomes. Raises ModelError for a class that cannot be imported by name, for no such file parameter,
     for a file that is missing or that the model refuses, and for two files of one name.
@@ -94,5 +98,17 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
             sys.path[:] = known_path
             sys.modules.pop(module, None)
         with zipfile.ZipFile(packed) as archive:
-            write_archive(path, {name: archive.read(name) for name in archive.namelist()})
+            members = {name: archive.read(name) for name in archive.namelist()}
+        if loader := _loader():  # it takes the place of pythonfmu's Linux wrapper, which moves beside it
+            binary = f"binaries/linux64/{model.identifier}.so"
+            members[f"binaries/linux64/{WRAPPER}"], members[binary] = members[binary], loader
+        write_archive(path, members)
     return path
+
+
+def _loader() -> bytes | None:
+    """The library that starts Python in other hosts, or None without a compiler: 'cdl build' and 'cdl doctor' tell."""
+    try:
+        return python_loader()
+    except CompilerError:
+        return None
