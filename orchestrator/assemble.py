@@ -13,6 +13,7 @@ import numpy as np
 from cdl_fmu.slave.build import cached_fmu
 from cdl_fmu.slave.interface import n_pairs
 from cdl_fmu.slave.model import Instance, ModelError
+from cdl_fmu.slave.native.build import cached_native_fmu
 from cdl_fmu.slave.records import Choice
 from cdl_fmu.wheel_mesh import wheel_mesh
 
@@ -36,19 +37,27 @@ class Assembly:
     stop_time: float | None
     step: float
 
-    def write(self, path: Path) -> None:
-        """Write an SSP package whose FMUs hold all start values, so that any master starts alike."""
-        starts = {name: _changed_starts(i) for name, i in self.instances.items()}
+    def write(self, path: Path, native: bool = False) -> list[str]:
+        """Write an SSP package whose FMUs hold all start values, so that any master starts alike.
+
+        With ``native`` they are native FMUs; where there is none, the FMU is one in Python. Returns what is to be warned of.
+        """
+        starts = {name: i.changed_starts() for name, i in self.instances.items()}
+        in_python = {name: i.model.needs_python for name, i in self.instances.items() if i.model.needs_python or not native}
         write_system(
             path,
             self.name,
-            {name: cached_fmu(i.model, starts[name], _given_files(i)) for name, i in self.instances.items()},
+            {
+                name: (cached_fmu if name in in_python else cached_native_fmu)(i.model, starts[name], _given_files(i))
+                for name, i in self.instances.items()
+            },
             self.connections,
             parameters={name: _parameters(i, starts[name]) for name, i in self.instances.items()},
             stop_time=self.stop_time,
             step_size=self.step,
             observed=[(name, s.name) for name, i in self.instances.items() for s in i.model.scalars["y"] if s.name.startswith(_OBSERVED)],
         )
+        return [f"{name} needs Python in a native system, too: {why}" for name, why in in_python.items() if native]
 
 
 def assemble(experiment) -> Assembly:
@@ -142,17 +151,6 @@ def _connect(source: str, a: Instance, target: str, b: Instance, ports: Mapping[
 
 def _given_files(instance: Instance) -> dict[str, Path]:
     return {name: Path(path) for name, path in instance.files.items() if path}
-
-
-def _changed_starts(instance: Instance) -> dict[str, float]:
-    """Start values of parameters and inputs that differ from the records'."""
-    block = instance.block
-    return {
-        s.name: float(block[instance.slices[part].start + s.offset])
-        for part in ("p", "u")
-        for s in instance.model.scalars[part]
-        if block[instance.slices[part].start + s.offset] != s.start
-    }
 
 
 def _parameters(instance: Instance, starts: Mapping[str, float]) -> dict[str, float | int]:

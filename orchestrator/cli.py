@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from .checkout import home
+from .assignments import values_of
+from .cli_build import build
 from .cli_identify import identify
 from .cli_particles import study, virtual
 from .cli_sweep import measured_in, run_sweeps
@@ -49,6 +50,7 @@ StopTime = Annotated[float | None, typer.Option(metavar="S", help="End of the ru
 MeasuredTable = Annotated[
     Path | None, typer.Option("--measured", metavar="CSV", help="Tests to lay over a testbed's picture: slip, beta_deg, Fx_N, Fy_N, ...")
 ]
+Native = Annotated[bool, typer.Option("--native", help="FMUs that need no Python, where there are such.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of progress and tables.")]
 Scheme = Literal["ij", "ij-free", "gs-mid", "gs", "jacobi", "aitken"]
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="result.nc, or the folder of a run.")]
@@ -93,6 +95,7 @@ def run(
         float | None, typer.Option(metavar="S", help="Simulated time between particles of a DEM in VTK files, particles/*, in s.")
     ] = None,
     measured: MeasuredTable = None,
+    native: Native = False,
     as_json: Json = False,
 ) -> None:
     """Run an experiment or a system of FMUs; leaves result.nc, system.ssp and result.png in a folder, with a DEM also particles.png.
@@ -104,8 +107,8 @@ def run(
     from .summaries import print_run
     from .terminal import follow
 
-    options = dict(soil=soil, overrides=_overrides(settings), scheme=scheme, step=step, stop_time=stop_time)
-    options |= dict(particles_every=particles_every)
+    options = dict(soil=soil, overrides=values_of(settings), scheme=scheme, step=step, stop_time=stop_time)
+    options |= dict(particles_every=particles_every, native=native)
     if Path(source).suffix != ".ssp":
         given = options | ({"tiers": _tiers(tiers)} if tiers else {})
         if run_sweeps(source, out, given, measured, as_json, checkpoints=checkpoint_every is not None or resume is not None):
@@ -153,7 +156,7 @@ def compare(
     from .terminal import follow, output, table
 
     comparison = compare_runs(
-        experiment, out, soil=soil, overrides=_overrides(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
+        experiment, out, soil=soil, overrides=values_of(settings), stop_time=stop_time, watch=lambda run: follow(quiet=as_json, run=run)
     )
     if as_json:
         print(json.dumps(comparison.facts()))
@@ -169,45 +172,6 @@ def compare(
     for run, outcome in comparison.outcomes.items():
         for warning in outcome.warnings:
             say(f"warning: {run}: {warning}")
-
-
-@app.command(epilog=f"Example:  {_EXAMPLES['build']}")
-def build(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[FMU]...", help="Names of FMUs, in any sizes: cdl_scm_w4p2b1. Default: all that are shipped."),
-    ] = None,
-    files: Annotated[
-        list[str] | None,
-        typer.Option("--file", metavar="NAME=PATH", help="File to pack into the FMU, for the file parameter NAME; repeat for more."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="DIR", help="Folder to write. Default: fmus/build of a checkout, else ./fmus/build."),
-    ] = None,
-) -> None:
-    """Build FMUs, for use in other tools. Runs need no build: they use a cache."""
-    require_platform()
-    from cdl_fmu.slave.build import build_fmu
-    from cdl_fmu.slave.compiler import CompilerError
-    from cdl_fmu.slave.loader import python_loader
-    from fmus import SHIPPED, model_of
-
-    from .terminal import output, table
-
-    folder = out or home() / "fmus" / "build"
-    rows = table("FMU", "model", "inputs", "outputs", "parameters", right=("inputs", "outputs", "parameters"))
-    packed = {name: Path(path) for name, path in (_assignment(text, "--file", "body[1].mesh=rock.stl") for text in files or ())}
-    for model in [model_of(name) for name in names] if names else SHIPPED:
-        path = build_fmu(model, folder / f"{model.identifier}.fmu", files=packed)
-        first_line = (type(model).__doc__ or "").split("\n")[0]
-        rows.add_row(path.name, first_line, *(str(len(record)) for record in (model.inputs, model.outputs, model.parameters)))
-    output().print(rows)
-    print(f"written to {folder}")
-    try:
-        python_loader()
-    except CompilerError as error:
-        say(f"note: tools in C and C++ on Linux do not find Python by themselves for these FMUs: {error}")
 
 
 @app.command(epilog=f"Example:  {_EXAMPLES['info']}")
@@ -261,6 +225,7 @@ def export(
     tiers: Tiers = None,
     soil: Soil = None,
     settings: Settings = None,
+    native: Native = False,
 ) -> None:
     """Write an experiment as an SSP package for other tools, or a result as CSV or MAT."""
     if csv and mat:
@@ -276,9 +241,11 @@ def export(
     else:
         from .experiment import load_experiment
 
-        experiment = load_experiment(source, tiers=_tiers(tiers), soil=soil, overrides=_overrides(settings))
+        experiment = load_experiment(source, tiers=_tiers(tiers), soil=soil, overrides=values_of(settings))
         out = _prepared(out or Path(f"{experiment.name}.ssp"))
-        experiment.write_system(out)
+        experiment.write_system(out, native=native)
+        for warning in experiment.warnings:
+            say(f"warning: {warning}")
     print(out)
 
 
@@ -298,6 +265,7 @@ def diff(
     raise typer.Exit(1 if found else 0)
 
 
+app.command(epilog=f"Example:  {_EXAMPLES['build']}")(build)
 app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
 app.command(epilog=f"Example:  {_EXAMPLES['validate']}")(validate)
 app.command(epilog=f"Example:  {_EXAMPLES['virtual']}")(virtual)
@@ -323,29 +291,6 @@ def doctor() -> None:
 
 def _tiers(text: str | None) -> list[str] | None:
     return None if text is None else [tier.strip() for tier in text.split(",")]
-
-
-def _overrides(settings: list[str] | None) -> dict[str, object]:
-    """Values as TOML has them; bare words are text, so that options need no quotes."""
-    import tomllib
-
-    overrides: dict[str, object] = {}
-    for setting in settings or ():
-        key, text = _assignment(setting, "--set", "soil.phi=0.6")
-        try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            value = text
-        overrides[key] = value
-    return overrides
-
-
-def _assignment(text: str, option: str, example: str) -> tuple[str, str]:
-    """Both sides of an option's ``KEY=VALUE``."""
-    key, equals, value = text.partition("=")
-    if not (key and equals):
-        raise typer.BadParameter(f"{text!r}: write KEY=VALUE, e.g. {example}", param_hint=option)
-    return key.strip(), value
 
 
 def _beside(result: Path, suffix: str) -> Path:

@@ -36,6 +36,7 @@ def simulate(
     resume: str | Path | None = None,
     particles_every: float | None = None,
     measured: Measured | None = None,
+    native: bool = False,
     picture: bool = True,
     progress: Callable[[float, float], None] = lambda t, stop: None,
     status: Callable[[str], None] = lambda text: None,
@@ -55,6 +56,7 @@ def simulate(
         resume: Checkpoint to go on from.
         particles_every: Simulated time between two looks at the particles of a DEM [s], each written as VTK files to ``particles/``.
         measured: Tests that are laid over the picture of a single-wheel testbed.
+        native: Take native FMUs, where there are such, in place of those in Python; experiments only.
         picture: Whether to draw ``result.png``, and ``particles.png`` with a DEM, which takes seconds.
         progress: Called now and then with the time reached and the stop time [s].
         status: Called with what is being done before the run.
@@ -70,9 +72,10 @@ def simulate(
     # Not yet in ``out``: a run that is refused leaves the folder of an earlier one as it is.
     with TemporaryDirectory() as folder:
         if source.suffix == ".ssp":
-            if tiers or soil or overrides:
+            if tiers or soil or overrides or native:
                 raise RunError(
-                    f"--tiers, --soil and --set change an experiment; {source.name} is a finished system: export it anew with them"
+                    f"--tiers, --soil, --set and --native change an experiment; {source.name} is a finished system: export it anew with "
+                    "them"
                 )
             package = source
         else:
@@ -86,10 +89,10 @@ def simulate(
             attributes |= {"title": experiment.title, "experiment": experiment.text, "overrides": dict(overrides or {})}
             attributes["soil"] = str(soil or "")
             experiment.prepare(status)
-            warnings = experiment.warnings
             status("placing the wheels and building the FMUs; the first time, kernels are compiled")
             package = Path(folder, "system.ssp")
-            experiment.write_system(package)
+            experiment.write_system(package, native=native)
+            warnings = experiment.warnings
             if stop_time is None:
                 stop_time = settings.stop_time
         status("loading the FMUs")

@@ -207,13 +207,13 @@ class Experiment:
             except ModelError as error:
                 raise ExperimentError(f"{self._written.name}: {name}.{error}") from error
 
-    def write_system(self, path: Path) -> None:
-        """Write the experiment as an SSP package.
+    def write_system(self, path: Path, native: bool = False) -> None:
+        """Write the experiment as an SSP package, with ``native`` of native FMUs, where there are such.
 
         Raises ExperimentError if its values, each within its bounds, do not fit together.
         """
         try:
-            assemble(self).write(path)
+            self._warned_before += assemble(self).write(path, native)
         except ModelError as error:
             raise ExperimentError(f"{self._written.name}: {error}") from error
 

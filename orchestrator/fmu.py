@@ -9,9 +9,12 @@ import ctypes
 import math
 import re
 import sys
+from collections.abc import Callable, Iterator
 from ctypes import c_double, c_int, c_uint, c_void_p
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NoReturn
 from urllib.parse import unquote
 
 import fmpy
@@ -36,6 +39,28 @@ _LARGE = 64  # elements from which an array is sent only when it has changed
 
 class SlaveError(Exception):
     """A slave refused a call; the message names instance, what it said and when."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call that sets or gets some variables: fmi2SetReal and its like, with all arguments but none of them looked up again.
+
+    Attributes:
+        make: Makes the call and returns its status.
+        address, component, references, values: Of the function and its arguments.
+        index: Places of the variables in the slave's ``u`` or ``y``.
+        buffer: Where their values are exchanged; None: in place.
+        is_real: Whether they are reals.
+    """
+
+    make: Callable[[], int]
+    address: int
+    component: int
+    references: int
+    values: int
+    index: np.ndarray
+    buffer: np.ndarray | None
+    is_real: bool
 
 
 def revision_of(name: str) -> str:
@@ -71,12 +96,16 @@ class Slave:
         self.can_serialise = bool(description.coSimulation.canSerializeFMUstate)
         self._warn = warn
         self._errors: list[str] = []
-        self._sets: list[tuple] = []
-        self._large_sets: list[tuple] = []
+        #: What sends inputs: always, and, for each large array, with its values, when these have changed.
+        self.sets: list[Call] = []
+        self.large_sets: list[tuple[np.ndarray, list[Call]]] = []
         self._sent: list[bytes] = []
-        self._gets: list[tuple] = []
-        self._large_gets: list[tuple] = []
+        #: What fetches outputs: always, and, for each patch, when the output at the place given has changed.
+        self.gets: list[Call] = []
+        self.large_gets: list[tuple[int, list[Call]]] = []
         self._got: list[float] = []
+        #: Set to 1 when the slave logs an error.
+        self.trouble = np.zeros(1, np.int64)
         self._directory = Path(directory)
         identifier = description.coSimulation.modelIdentifier
         folder = self._directory / "binaries" / fmpy.platform
@@ -149,21 +178,27 @@ class Slave:
         self.inputs, self.u, self.outputs, self.y = inputs, u, outputs, y
         large = [np.array(run) for run in _large_arrays(inputs)]
         rest = np.setdiff1d(np.arange(len(inputs)), np.concatenate(large)) if large else np.arange(len(inputs))
-        self._sets = self._groups("Set", inputs, u, rest)
+        self.sets = self._calls("Set", inputs, u, rest)
         # Large arrays, such as height patches, are the same in most steps: they are sent when they have changed.
-        self._large_sets = [(u[run[0] : run[-1] + 1], self._groups("Set", inputs, u, run)) for run in large]
+        self.large_sets = [(u[run[0] : run[-1] + 1], self._calls("Set", inputs, u, run)) for run in large]
         self._sent = [b""] * len(large)
         # Patches are also read when they have changed, which an output of their FMU tells.
         runs = [(revision_of(outputs[run[0]]), np.array(run)) for run in _large_arrays(outputs)]
         told = [(outputs.index(revision), run) for revision, run in runs if revision in outputs]
         rest = np.setdiff1d(np.arange(len(outputs)), np.concatenate([run for _, run in told])) if told else np.arange(len(outputs))
-        self._gets = self._groups("Get", outputs, y, rest)
-        self._large_gets = [(at, self._groups("Get", outputs, y, run)) for at, run in told]
+        self.gets = self._calls("Get", outputs, y, rest)
+        self.large_gets = [(at, self._calls("Get", outputs, y, run)) for at, run in told]
         self._got = [math.nan] * len(told)
 
-    def _groups(self, direction: str, names: list[str], values: np.ndarray, among: np.ndarray) -> list[tuple]:
+    def all_calls(self) -> Iterator[Call]:
+        """Every call of a step but fmi2DoStep."""
+        yield from (*self.sets, *self.gets)
+        for _, calls in (*self.large_sets, *self.large_gets):
+            yield from calls
+
+    def _calls(self, direction: str, names: list[str], values: np.ndarray, among: np.ndarray) -> list[Call]:
         """A call for the variables of each type among these of ``names``."""
-        groups = []
+        calls = []
         for suffix, dtype in dict.fromkeys(_BASE_TYPES.values()):
             index = np.array([i for i in among if _BASE_TYPES[self.variables[names[i]].type] == (suffix, dtype)], dtype=int)
             if index.size == 0:
@@ -174,47 +209,61 @@ class Slave:
             buffer = values[index[0] : index[-1] + 1] if in_place else np.zeros(index.size, dtype)
             # Arguments of ctypes' own types, made once, need no conversion at a call.
             arguments = (self._component, references, ctypes.c_size_t(index.size), buffer.ctypes.data_as(c_void_p))
-            groups.append((partial(self._function(direction + suffix), *arguments), None if in_place else (values, index, buffer)))
-        return groups
+            function = self._function(direction + suffix)
+            addresses = self.address_of(direction + suffix), self._component.value, ctypes.addressof(references), buffer.ctypes.data
+            calls.append(Call(partial(function, *arguments), *addresses, index, None if in_place else buffer, dtype is np.float64))
+        return calls
 
     def set(self, t: float) -> None:
         """Send the bound inputs."""
-        self._send(self._sets, t)
-        for k, (values, groups) in enumerate(self._large_sets):
+        self._send(self.sets, t)
+        for k, (values, calls) in enumerate(self.large_sets):
             now = values.tobytes()
             if now != self._sent[k]:
-                self._send(groups, t)
+                self._send(calls, t)
                 self._sent[k] = now
 
-    def _send(self, groups: list[tuple], t: float) -> None:
-        for call, copy in groups:
-            if copy:
-                values, index, buffer = copy
-                buffer[:] = values[index]
-            if call() > _WARNING or self._errors:
-                self._raise("refused its inputs", t)
+    def _send(self, calls: list[Call], t: float) -> None:
+        for call in calls:
+            if call.buffer is not None:
+                call.buffer[:] = self.u[call.index]
+            status = call.make()
+            if status > _WARNING or self._errors:
+                self.refused(t, status)
 
     def get(self, t: float) -> None:
         """Fetch the bound outputs."""
-        self._fetch(self._gets, t)
-        for k, (at, groups) in enumerate(self._large_gets):
+        self._fetch(self.gets, t)
+        for k, (at, calls) in enumerate(self.large_gets):
             if self.y[at] != self._got[k]:
-                self._fetch(groups, t)
+                self._fetch(calls, t)
                 self._got[k] = self.y[at]
 
-    def _fetch(self, groups: list[tuple], t: float) -> None:
-        for call, copy in groups:
-            if call() > _WARNING:
-                self._raise("did not give its outputs", t)
-            if copy:
-                values, index, buffer = copy
-                values[index] = buffer
+    def _fetch(self, calls: list[Call], t: float) -> None:
+        for call in calls:
+            status = call.make()
+            if status > _WARNING:
+                self.did_not_give(t, status)
+            if call.buffer is not None:
+                self.y[call.index] = call.buffer
 
     def step(self, t: float, h: float) -> None:
         """Advance from t by h [s]."""
         status = self._do_step(self._component, t, h, 1)
         if status > _WARNING:
-            self._raise(f"did not do the step ({_STATUS.get(status, status)})", t)
+            self.did_not_step(t, status)
+
+    def refused(self, t: float, status: int) -> NoReturn:
+        """Raise SlaveError: it did not take its inputs at t [s]."""
+        self._raise("refused its inputs", t)
+
+    def did_not_give(self, t: float, status: int) -> NoReturn:
+        """Raise SlaveError: it did not give its outputs at t [s]."""
+        self._raise("did not give its outputs", t)
+
+    def did_not_step(self, t: float, status: int) -> NoReturn:
+        """Raise SlaveError: its step from t [s] ended with this status."""
+        self._raise(f"did not do the step ({_STATUS.get(status, status)})", t)
 
     def save(self):
         """Handle to a copy of the whole state; give it back to ``restore`` or ``free``."""
@@ -252,10 +301,18 @@ class Slave:
             finally:
                 self._fmu.freeInstance()
 
+    def address_of(self, name: str) -> int:
+        """Address of the FMU's function of this name, without fmi2."""
+        return ctypes.cast(getattr(self._fmu.dll, f"fmi2{name}"), c_void_p).value
+
+    @property
+    def component(self) -> int:
+        """What its functions take as their first argument."""
+        return self._component.value
+
     def _function(self, name: str, *arguments):
-        function = getattr(self._fmu.dll, f"fmi2{name}")
         # A prototype of our own: FMPy's objects for the same functions stay as they are.
-        return ctypes.PYFUNCTYPE(c_int, *arguments)(ctypes.cast(function, c_void_p).value)
+        return ctypes.PYFUNCTYPE(c_int, *arguments)(self.address_of(name))
 
     def _call(self, what: str, function, *args, **kwargs):
         try:
@@ -267,6 +324,7 @@ class Slave:
     def _raise(self, what: str, t: float | None, cause: Exception | None = None):
         said = "; ".join(dict.fromkeys(self._errors)) or (str(cause) if cause else "it gave no message")
         self._errors.clear()
+        self.trouble[0] = 0
         when = "" if t is None else f" at t = {t:.6g} s"
         raise SlaveError(f"{self.name} {what}{when}: {said}") from cause
 
@@ -277,3 +335,4 @@ class Slave:
         elif status >= _DISCARD and not (self._errors and text.startswith("Fatal py exception")):
             # What the FMU said comes first; the wrapper's own words about the exception that carried it add nothing.
             self._errors.append(text)
+            self.trouble[0] = 1

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 
 import numpy as np
 
 from .fmu import Slave, SlaveError, revision_of
+from .program import Program, can_be_compiled
 from .schemes import SCHEMES, Exchange
 from .ssp import System
 from .stability import StabilityGuard
@@ -64,6 +66,8 @@ class Master:
                 for rigid in {c.target_component for c in self._connections if c.target_variable == "free_twist[1]"}:
                     warn(f"{rigid}: impulses of rigid contacts act a step late under scheme jacobi and throw bodies about; use scheme ij")
             self._guard = self._stability_guard(slaves) if kind.explicit else None
+            sequence = self.scheme.sequence()
+            self._program = Program(sequence, exchange) if sequence and can_be_compiled(self.slaves) else None
         except BaseException:
             self.slaves = list(slaves.values())
             self.close()
@@ -72,16 +76,34 @@ class Master:
 
     def step(self, t: float, h: float) -> None:
         """Advance all slaves from t by h [s]; raises SlaveError with the instance, the variable and who sent it."""
-        try:
+        with self._naming_senders():
             self.scheme.step(t, h)
-        except SlaveError as error:
-            raise SlaveError(f"{error}{self._senders(str(error))}") from error
-        # One dot product finds any NaN or infinity among the outputs.
-        if not math.isfinite(self.outputs.dot(self.outputs)) and (found := self._not_finite()):
-            raise SlaveError(f"output {found} is not finite after the step at t = {t:.6g} s; correct the FMU that gives it")
+        self._check_outputs(t)
         if self._guard is not None and self._steps % _GUARD_EVERY == 0:
             self._guard.check(t, h)
         self._steps += 1
+
+    def advance(self, start: float, h: float, k: int, rows: np.ndarray, columns: np.ndarray) -> tuple[int, SlaveError | None]:
+        """Do steps k, k + 1, ... of length h [s], counted from ``start``, as many as there are rows; each gets the outputs ``columns``.
+
+        Returns the number of steps done, and the error that ended them, if any.
+        """
+        done = 0
+        try:
+            if self._program is not None:
+                done, fail = self._program.run(start, h, k, columns, rows)
+                with self._naming_senders():
+                    fail()
+                if done < len(rows):
+                    self._check_outputs(start + (k + done) * h)
+            else:
+                for row in rows:
+                    self.step(start + (k + done) * h, h)
+                    row[:] = self.outputs[columns]
+                    done += 1
+        except SlaveError as error:
+            return done, error
+        return done, None
 
     def close(self) -> None:
         """End all instances."""
@@ -106,6 +128,8 @@ class Master:
         self.inputs[:] = saved["inputs"]
         self.outputs[:] = saved["outputs"]
         self.scheme.resumed = True
+        if self._program is not None:
+            self._program.forget()
 
     # -- construction
 
@@ -152,6 +176,18 @@ class Master:
                 if f"contact[{number}].K[1]" in source.variables:
                     contacts.append((source, number, int(wheel[1])))
         return StabilityGuard(rover, contacts, self._warn) if contacts else None
+
+    def _check_outputs(self, t: float) -> None:
+        # One dot product finds any NaN or infinity among the outputs.
+        if not math.isfinite(self.outputs.dot(self.outputs)) and (found := self._not_finite()):
+            raise SlaveError(f"output {found} is not finite after the step at t = {t:.6g} s; correct the FMU that gives it")
+
+    @contextmanager
+    def _naming_senders(self) -> Iterator[None]:
+        try:
+            yield
+        except SlaveError as error:
+            raise SlaveError(f"{error}{self._senders(str(error))}") from error
 
     def _senders(self, refusal: str) -> str:
         """Who sent the input that a slave refuses: by the input's name if the slave says it, as ours do, else by the value."""

@@ -26,6 +26,10 @@ from .ssp import System
 SOIL_INTERVAL = 0.25
 
 
+#: Most steps, and about the most wall time [s], between two looks at progress and at whether the user wants to stop.
+_BATCH, _PATIENCE = 64, 0.05
+
+
 class RunError(Exception):
     """A run cannot start as asked; the message names the value and the remedy."""
 
@@ -119,6 +123,8 @@ def run(
                         particles(start + k * step, master)
 
                 k = 0
+                pauses = [n for n in (soil_steps, particle_steps, checkpoint_steps) if n]
+                rows, batch = np.empty((_BATCH, columns.size)), 1
                 if saved is None:
                     result.append(start, master.outputs[columns])
                     keep_soil(k)
@@ -128,13 +134,18 @@ def run(
                     replay(start + k * step, channels, result)
                 if particle_steps:
                     particles(start + k * step, master)
-                shown, began = 0.0, time.perf_counter()
+                shown = 0.0
+                began = looked = time.perf_counter()
                 try:
                     while k < n_steps and not interrupted():
-                        master.step(start + k * step, step)
-                        k += 1
-                        if k % every == 0 or k == n_steps:
-                            result.append(start + k * step, master.outputs[columns])
+                        n = min(batch, n_steps - k, *(interval - k % interval for interval in pauses))
+                        done, error = master.advance(start, step, k, rows[:n], columns)
+                        for row in rows[:done]:
+                            k += 1
+                            if k % every == 0 or k == n_steps:
+                                result.append(start + k * step, row)
+                        if error:
+                            raise error
                         if soil_steps and k % soil_steps == 0:
                             keep_soil(k)
                         if particle_steps and (k == 1 or k % particle_steps == 0) and k < n_steps:  # they come with the first step
@@ -144,6 +155,8 @@ def run(
                             last_row = start + (k if k == n_steps else k - k % every) * step
                             _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k, last_row)
                         now = time.perf_counter()
+                        batch = min(2 * batch, _BATCH) if now - looked < 0.5 * _PATIENCE else max(batch // 2, 1)
+                        looked = now
                         if now - shown > 0.1 or k == n_steps:
                             shown = now
                             progress(start + k * step, stop)

@@ -34,11 +34,11 @@ class Exchange:
         self.slaves = slaves
         self.inputs = inputs
         self.outputs = outputs
-        self._routes = routes
+        self.routes = routes
 
     def route(self, slave: Slave) -> None:
         """Bring the values connected to the slave's inputs into its input memory."""
-        runs, factor, offset = self._routes[slave.name]
+        runs, factor, offset = self.routes[slave.name]
         for source, target in runs:
             target[:] = source
         if factor is not None:
@@ -66,6 +66,9 @@ class GaussSeidel:
         """Whether values are sent to this input variable."""
         return not _JACOBIAN.search(variable)
 
+    def sequence(self) -> list[tuple[str, Slave]] | None:
+        """What every step consists of, "route" or "advance" and the slave; None: steps are not all alike, or something watches them."""
+
     def step(self, t: float, h: float) -> None:
         """One communication step from t to t + h [s]."""
         exchange = self.exchange
@@ -83,6 +86,9 @@ class InterfaceJacobian(GaussSeidel):
     def sends(variable: str) -> bool:
         return not _ANCHOR.search(variable)
 
+    def sequence(self) -> list[tuple[str, Slave]] | None:
+        return [(act, slave) for slave in self.exchange.slaves for act in ("route", "advance")]
+
 
 class TriedFreeTwist(InterfaceJacobian):
     """Interface Jacobian; slaves with inputs ``free_twist[k]``, the rigid contacts, step after all others have been tried without them.
@@ -99,6 +105,9 @@ class TriedFreeTwist(InterfaceJacobian):
         for slave in self._movers:
             if not slave.can_save:
                 raise SlaveError(f"scheme ij-free steps back, but the FMU of {slave.name} cannot save its state; use ij")
+
+    def sequence(self) -> None:
+        return None
 
     def step(self, t: float, h: float) -> None:
         exchange = self.exchange
@@ -163,6 +172,9 @@ class Jacobi:
     @staticmethod
     def sends(variable: str) -> bool:
         return True
+
+    def sequence(self) -> list[tuple[str, Slave]]:
+        return [(act, slave) for act in ("route", "advance") for slave in self.exchange.slaves]
 
     def step(self, t: float, h: float) -> None:
         for slave in self.exchange.slaves:

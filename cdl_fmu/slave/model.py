@@ -71,6 +71,7 @@ class Model:
         feedthrough: False if no output at t depends on an input at t, so that a master may break a cycle here.
         files: Parameters that name a file, with their descriptions; they are strings and live beside the records.
         pool_class: Class of the pools that ``make_pool`` makes, None without.
+        needs_python: What keeps it from becoming a native FMU; "" if nothing does.
     """
 
     identifier: str
@@ -83,6 +84,7 @@ class Model:
     feedthrough = True
     files: dict[str, str] = {}
     pool_class: type[Pool] | None = None
+    needs_python: str = "its step is written in Python"
 
     def __init__(self, **sizes: int):
         self.sizes = sizes
@@ -163,8 +165,7 @@ class KernelModel(Model):
 
     A native FMU holds the pool as it was made when the FMU was built (see ``built_in``). Where the extents of arrays hang on parameters
     that may change after that, ``resize_kernel(p, extents, growth)`` writes them over those of then: of all arrays in their order, and
-    the numbers ``per_step`` and ``limit`` of a RowPool. What keeps a model from becoming a native FMU is said in ``needs_python``; the C
-    library that its kernels call in ``library``.
+    the numbers ``per_step`` and ``limit`` of a RowPool. The C library that kernels call, if they call one, is named in ``library``.
     """
 
     initialise_kernel: object
@@ -293,6 +294,11 @@ class Instance:
                 self.files[name] = value
             else:
                 self.block[offsets[name]] = value
+
+    def changed_starts(self) -> dict[str, float]:
+        """Start values of parameters and inputs that differ from the records', by FMI name, for an FMU."""
+        offsets = {s.name: (self.slices[part].start + s.offset, s.start) for part in ("p", "u") for s in self.model.scalars[part]}
+        return {name: float(self.block[i]) for name, (i, start) in offsets.items() if self.block[i] != start}
 
     def initialise(self, t: float = 0.0) -> None:
         """Check the parameters and set state and outputs at time t [s], the outputs for the inputs as they are now."""
