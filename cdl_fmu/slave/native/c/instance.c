@@ -271,7 +271,7 @@ int instance_enter(struct instance *m, double start)
 
 int instance_exit(struct instance *m)
 {
-    if (!m->is_fresh && initialise(m))
+    if ((!m->is_fresh || !m->memory) && initialise(m))
         return ERROR;
     m->phase = STEPPING;
     return OK;
