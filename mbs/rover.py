@@ -5,37 +5,32 @@ The contact forces come from other slaves; their interface Jacobian lets one imp
 
 from __future__ import annotations
 
-from functools import partial
-
-import mujoco
-import numpy as np
-
-from cdl_fmu.frames import axis_rotation
 from cdl_fmu.slave.interface import (
     ENVIRONMENT,
     body_pose,
     body_support,
     body_wrench,
     contact_jacobian,
-    n_pairs,
     pair_contacts,
     tool_twists,
     wheel_pose,
     wheel_wrench,
 )
-from cdl_fmu.slave.kernel import compiled
-from cdl_fmu.slave.model import Event, Instance, Model, ModelError
+from cdl_fmu.slave.kernel import kernel
+from cdl_fmu.slave.model import Event, KernelModel, ModelError, Rule
 from cdl_fmu.slave.records import Array, Choice, Real, Record
 
-from .implicit import ANCHOR, ROW
 from .interface import commands, joints
-from .rover_mjcf import STEERED, two_wheel
-from .rover_step import LIMIT, LOST, advance, is_at, observe, predict, show
+from .mujoco_library import MUJOCO
+from .rover_kernels import ARGUMENTS, initialise, step
+from .rover_memory import RoverPool
+from .rover_mjcf import STEERED
+from .rover_step import LIMIT, LOST
 
 _RADIUS, _WIDTH, _MASS = 0.125, 0.125, 2.0  # wheel of Table 8.2, for the inertia it leaves out
 
 
-class Rover(Model):
+class Rover(KernelModel):
     """Two-wheel rover of Table 8.2: wheels on a rigid massless link, a point mass above its middle, free in all but roll; and rocks.
 
     The body frame lies in the middle between the wheel centres, x forward, y to the left, z up; wheel 1 is the front wheel,
@@ -55,6 +50,12 @@ class Rover(Model):
     """
 
     feedthrough = False
+    starts_from_inputs = True
+    library = MUJOCO
+    pool_class = RoverPool
+    arguments = ARGUMENTS
+    initialise_kernel = staticmethod(initialise)
+    step_kernel = staticmethod(step)
     events = {
         LOST: Event(
             "the rover's motion left all bounds (a position or rate is not finite or beyond 1e6): check the contact forces that it gets, "
@@ -101,10 +102,11 @@ class Rover(Model):
         sizes = {"b": n_bodies, "h": n_hard}
         self.identifier = f"cdl_rover_w{n}" + "".join(f"{letter}{size}" for letter, size in sizes.items() if size)
         self.parameters = Rover.parameters | Record(rock=Array(n_bodies, _ROCK))
+        self.rules = (_WHEEL_RULE, *map(_rock_rule, range(n_bodies)))
         self.inputs = (
-            wheel_wrench(n)
+            commands(n)
+            | wheel_wrench(n)
             | contact_jacobian(n)
-            | commands(n)
             | Record(
                 rock=body_wrench(n_bodies).fields["body"],
                 support=body_support(n_bodies).fields["support"],
@@ -119,9 +121,7 @@ class Rover(Model):
             ),
         )
         self.outputs = (
-            wheel_pose(n)
-            | Record(rock=body_pose(n_bodies).fields["body"])
-            | joints(n)
+            joints(n)
             | Record(
                 body=Record(
                     r_0=Real(0.0, "m", "Middle between the wheel centres, resolved in world", (3,)),
@@ -129,41 +129,20 @@ class Rover(Model):
                     pitch=Real(0.0, "rad", "Pitch of the body, positive nose down"),
                     v_0=Real(0.0, "m/s", "Velocity of r_0, resolved in world", (3,)),
                     w_0=Real(0.0, "rad/s", "Angular velocity of the body, resolved in world", (3,)),
-                ),
+                )
+            )
+            | tool_twists(n, n_bodies)
+            | wheel_pose(n)
+            | Record(
+                rock=body_pose(n_bodies).fields["body"],
                 applied=Array(
                     n, Record(f_0=Real(0.0, "N", "Contact force that acted on the wheel in the last step, resolved in world", (3,)))
                 ),
             )
-            | tool_twists(n, n_bodies)
         )
 
-    def check(self, p) -> None:
-        axle, diameter = float(p.wheel_inertia_axle), float(p.wheel_inertia_diameter)
-        if axle > 2 * diameter:
-            raise ModelError(
-                f"wheel_inertia_axle = {axle:g} kg.m2: it must be at most twice wheel_inertia_diameter = {diameter:g} kg.m2, "
-                "as no body has more; lower it or raise wheel_inertia_diameter"
-            )
-        for j in range(self.sizes["n_bodies"]):
-            xx, yy, zz, xy, xz, yz = p.rock[j].inertia
-            least, middle, most = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            if least <= 0.0 or most > (least + middle) * (1.0 + 1e-9):
-                raise ModelError(
-                    f"rock[{j + 1}].inertia = {xx:.4g}, {yy:.4g}, {zz:.4g}, {xy:.4g}, {xz:.4g}, {yz:.4g} kg.m2: no body has these (its "
-                    "principal ones must be positive, none above the other two's sum); take those of the rock's mesh"
-                )
-
-    def bind(self, instance: Instance):
-        # MuJoCo would write its warnings to MUJOCO_LOG.TXT in the working directory; a lost state is caught by the step instead.
-        mujoco.set_mju_user_warning(lambda text: None)
-        simulation = None
-
-        def initialise(t: float) -> None:
-            nonlocal simulation
-            simulation = _Simulation(instance)
-            simulation.initialise()
-
-        return initialise, lambda t, h: simulation.step(h)
+    def make_pool(self, p, files) -> RoverPool:
+        return RoverPool(*(self.sizes[size] for size in ("n_wheels", "n_bodies", "n_hard")))
 
 
 _ROCK = Record(
@@ -181,126 +160,34 @@ _ROCK = Record(
     fixed=Choice("Whether the rock can move", off="it is moved by what acts on it", on="it stays where it is"),
 )
 
-
-class _Simulation:
-    """MuJoCo's model and data of one instance, with views of their memory bound once.
-
-    The records x are the state; MuJoCo's data are loaded from them whenever they differ, that is after a restore.
-    """
-
-    def __init__(self, instance: Instance):
-        self.instance = instance
-        n_wheels, n_rocks, n_hard = (instance.model.sizes[size] for size in ("n_wheels", "n_bodies", "n_hard"))
-        n = n_wheels + n_rocks
-        p, u, x, y = instance.p, instance.u, instance.x, instance.y
-        m = self.m = two_wheel(p, n_rocks)
-        d = self.d = mujoco.MjData(m)
-        self.q, self.q_dot = d.qpos, d.qvel
-        choice = instance.model.parameters.fields["with_inverse_inertia"]
-        self.with_inverse_inertia = p.with_inverse_inertia == choice.value("on")
-
-        bodies = [m.body(name).id for name in ("body", *(f"wheel{i}" for i in range(n_wheels)), *(f"rock{j}" for j in range(n_rocks)))]
-        spins = np.array([m.joint(f"spin{i}").dofadr[0] for i in range(n_wheels)])
-        steers = np.array([m.joint(f"steer{i}").dofadr[0] if STEERED[i] else -1 for i in range(n_wheels)])
-        gains = np.zeros(m.nv)
-        gains[spins], gains[steers[steers >= 0]] = p.wheel_servo_gain, p.steer_servo_gain
-        moves = np.zeros((n, m.nv))
-        for i, body in enumerate(bodies[1:]):
-            if i >= n_wheels and p.rock[i - n_wheels].fixed == _ROCK.fields["fixed"].value("on"):
-                continue
-            while body:
-                first = m.body_dofadr[body]
-                moves[i, first : first + m.body_dofnum[body]] = 1.0
-                body = m.body_parentid[body]
-        # What a wheel carries, and what a rock is.
-        masses = np.array([p.mass / n_wheels + p.wheel_mass] * n_wheels + [p.rock[j].mass for j in range(n_rocks)])
-
-        self.h, self.mass, self.bias = np.zeros(1), np.zeros((m.nv, m.nv)), np.zeros(m.nv)
-        self.where = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 6)), np.zeros((n, 6, m.nv))
-        self.before = tuple(np.zeros_like(a) for a in self.where[:3])
-        inputs, outputs = instance.model.inputs, instance.model.outputs
-        soil = u["contact"], u["wheel"], _array(u, "support", inputs), _array(u, "rock", inputs)
-        hard = _hard(u, inputs, n_hard, n_wheels, n_rocks)
-        n_contacts = n + hard[2].size
-        rows, n_rows = np.zeros((3 * n_contacts + 3 * n_rocks, m.nv + ROW)), np.zeros(1, np.int64)
-        anchors, lifted, applied = np.zeros((1 + n_hard, n, ANCHOR)), np.zeros(n_contacts), np.zeros((n, 3))
-        A, forces = np.zeros((m.nv, m.nv)), np.zeros(m.nv)
-
-        drives = gains, spins, steers, u["command"]["wheel_rate"], u["command"]["steer_rate"]
-        dynamics = self.mass, self.bias, moves
-        contacts = soil, hard, anchors, lifted, rows, n_rows, A, forces
-        coordinates, bodies, joint = (x["q"], x["q_dot"], self.q, self.q_dot), np.array(bodies), y["joint"]
-        self.is_at_state = _bound(is_at, *coordinates)
-        self.observe = _bound(observe, moves, bodies, m.body_rootid, d.xpos, d.xmat, d.cvel, d.subtree_com, d.cdof, self.where)
-        self.advance = _bound(advance, self.h, drives, dynamics, masses, self.where, *contacts, self.q, self.q_dot, applied)
-        twists = np.zeros((6 * n, m.nv)), self.q_dot, y["inverse_inertia"], y["free_twist"]
-        self.predict = _bound(predict, self.h, drives, dynamics, masses, self.where, self.before, *contacts, *twists)
-        frames = self.where, applied, y["wheel"], _array(y, "rock", outputs), y["applied"]
-        joints = joint["steer_angle"], joint["wheel_angle"], joint["wheel_rate"]
-        self.show = _bound(show, *coordinates, spins, steers, *frames, joints, bodies, d.cvel, instance.arrays[3]["body"])
-
-    def initialise(self) -> None:
-        p = self.instance.p
-        start = p.start
-        self.q[:5] = start.x, start.y, start.z, start.yaw, start.pitch
-        n_rocks = self.instance.model.sizes["n_bodies"]
-        for rock, q in zip(p.rock if n_rocks else (), self.q[self.q.size - 7 * n_rocks :].reshape(-1, 7)):
-            T = axis_rotation(1, rock.roll) @ axis_rotation(2, rock.pitch) @ axis_rotation(3, rock.yaw)
-            q[:3] = rock.x, rock.y, rock.z
-            mujoco.mju_mat2Quat(q[3:], T.T.ravel())
-        self.h[0] = 1e-3  # until a step tells
-        self.write_outputs()
-
-    def step(self, h: float) -> int:
-        self.h[0] = h
-        if not self.is_at_state():
-            self.load()
-            self.update()
-        for before, now in zip(self.before, self.where):
-            before[...] = now
-        if self.advance() == LOST:
-            self.load()
-            self.update()
-            return LOST
-        self.write_outputs()
-        return 0
-
-    def load(self) -> None:
-        self.q[:] = self.instance.x.q
-        self.q_dot[:] = self.instance.x.q_dot
-
-    def update(self) -> None:
-        """Bring all that depends on positions and rates up to date."""
-        m, d = self.m, self.d
-        mujoco.mj_kinematics(m, d)
-        mujoco.mj_comPos(m, d)
-        mujoco.mj_comVel(m, d)
-        mujoco.mj_makeM(m, d)
-        mujoco.mj_fullM(m, d, self.mass)
-        mujoco.mj_rne(m, d, 0, self.bias)
-        self.observe()
-
-    def write_outputs(self) -> None:
-        self.update()
-        self.show()
-        if self.with_inverse_inertia:
-            self.predict()
+_WHEEL_RULE = Rule(
+    "wheel_inertia_axle = {p.wheel_inertia_axle:g} kg.m2: it must be at most twice wheel_inertia_diameter = "
+    "{p.wheel_inertia_diameter:g} kg.m2, as no body has more; lower it or raise wheel_inertia_diameter",
+    lambda p: p.wheel_inertia_axle > 2.0 * p.wheel_inertia_diameter,
+)
 
 
-def _array(part, name: str, record: Record) -> np.ndarray:
-    """Records of the array ``name``, none if it is empty: NumPy's records hold no empty arrays."""
-    return part[name] if record.fields[name].n else np.zeros(0, record.fields[name].record.dtype)
-
-
-def _hard(u, inputs: Record, n_hard: int, n_wheels: int, n_rocks: int) -> tuple[np.ndarray, ...]:
-    """Wrenches on wheels and on rocks, pairs and anchors of all hard contact slaves, each [n_hard, number]."""
-    numbers = {"wheel": n_wheels, "body": n_rocks, "pair": n_pairs(n_wheels, n_rocks), "anchor": n_wheels + n_rocks}
-    records = pair_contacts(n_wheels, n_rocks).fields
-    return tuple(
-        u["hard"][name] if n_hard and number else np.zeros((n_hard, number), records[name].record.dtype) for name, number in numbers.items()
+def _rock_rule(j: int) -> Rule:
+    values = ", ".join(f"{{p.rock[{j}].inertia[{k}]:.4g}}" for k in range(6))
+    return Rule(
+        f"rock[{j + 1}].inertia = {values} kg.m2: no body has these (its principal ones must be positive, none above the other two's sum); "
+        "take those of the rock's mesh",
+        lambda p: not _is_inertia(p.rock[j].inertia),
     )
 
 
-def _bound(function, *arguments):
-    """A kernel as a call without arguments, on these."""
-    return partial(compiled(function, *arguments), *arguments)
+@kernel
+def _is_inertia(inertia):
+    xx, yy, zz, xy, xz, yz = inertia[0], inertia[1], inertia[2], inertia[3], inertia[4], inertia[5]
+    # None of the principal ones is above the other two's sum where none is above half the sum of all. Of a plate one is as large.
+    half = (xx + yy + zz) * (0.5 + 0.25e-9)
+    return _is_positive(xx, yy, zz, xy, xz, yz) and _is_positive(half - xx, half - yy, half - zz, -xy, -xz, -yz)
+
+
+@kernel
+def _is_positive(xx, yy, zz, xy, xz, yz):
+    """True for a symmetric positive definite matrix: its pivots are positive (Sylvester)."""
+    if not xx > 0.0:
+        return False
+    yy, zz, yz = yy - xy * xy / xx, zz - xz * xz / xx, yz - xy * xz / xx
+    return yy > 0.0 and zz - yz * yz / yy > 0.0

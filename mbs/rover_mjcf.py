@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import mujoco
 
-from cdl_fmu.frames import vertical
-
 #: Which wheels steer, front wheel first (section 8.4.2: the rear wheel alone).
 STEERED = (False, True)
 
@@ -13,16 +11,16 @@ STEERED = (False, True)
 _POINT = 1e-12
 
 
-def two_wheel(p, n_rocks: int) -> mujoco.MjModel:
-    """Model of the rover with parameters ``p`` (:class:`mbs.rover.Rover`) and of rocks, without drives and contacts.
+def two_wheel(n_rocks: int) -> mujoco.MjModel:
+    """Model of the rover and of rocks, without drives and contacts, for parameters yet to come (:func:`mbs.rover_state.set_up`).
 
     Joints in order: x, y, z, yaw, pitch of the body (no roll), then per wheel steering, where it steers, and spin; then the rocks'.
+    Where parameters decide what lies in one point or along one axis the numbers here are others, as MuJoCo takes short cuts there.
     """
-    down = " ".join(str(-p.gravity * along) for along in vertical(p.slope, p.uphill))
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco model="two-wheel rover">
   <compiler angle="radian"/>
-  <option gravity="{down}">
+  <option>
     <flag contact="disable" autoreset="disable"/>
   </option>
   <worldbody>
@@ -32,33 +30,26 @@ def two_wheel(p, n_rocks: int) -> mujoco.MjModel:
       <joint name="z" type="slide" axis="0 0 1"/>
       <joint name="yaw" axis="0 0 1"/>
       <joint name="pitch" axis="0 1 0"/>
-      <inertial pos="0 0 {p.mass_height}" mass="{p.mass}" diaginertia="{_POINT} {_POINT} {_POINT}"/>
-      {_wheel(p, 0, p.wheel_base / 2)}
-      {_wheel(p, 1, -p.wheel_base / 2)}
+      <inertial pos="0 0 1" mass="1" diaginertia="{_POINT} {_POINT} {_POINT}"/>
+      {"".join(_wheel(i) for i in range(len(STEERED)))}
     </body>
-    {"".join(_rock(p.rock[j], j) for j in range(n_rocks))}
+    {"".join(_rock(j) for j in range(n_rocks))}
   </worldbody>
 </mujoco>""")
 
 
-def _wheel(p, i: int, x: float) -> str:
-    axle, diameter = p.wheel_inertia_axle, p.wheel_inertia_diameter
+def _wheel(i: int) -> str:
     return f"""
-      <body name="wheel{i}" pos="{x} 0 0">
+      <body name="wheel{i}" pos="1 0 0">
         {f'<joint name="steer{i}" axis="0 0 1"/>' if STEERED[i] else ""}
         <joint name="spin{i}" axis="0 1 0"/>
-        <inertial pos="0 0 0" mass="{p.wheel_mass}" diaginertia="{diameter} {axle} {diameter}"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
       </body>"""
 
 
-def _rock(rock, j: int) -> str:
-    x, y, z, xy, xz, yz = rock.inertia
+def _rock(j: int) -> str:
     return f"""
     <body name="rock{j}">
       <freejoint/>
-      <inertial pos="{_text(rock.center)}" mass="{rock.mass}" fullinertia="{_text((x, y, z, xy, xz, yz))}"/>
+      <inertial pos="1 1 1" mass="1" fullinertia="3 4 5 .1 .2 .3"/>
     </body>"""
-
-
-def _text(numbers) -> str:
-    return " ".join(map(str, numbers))

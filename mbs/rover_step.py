@@ -1,4 +1,4 @@
-"""The rover's step as kernels: rows of its contacts gathered from the inputs, one implicit step, and what is shown of the result.
+"""The rover's implicit step as kernels: rows of its contacts gathered from the inputs, one step, and a look ahead.
 
 Frames are the wheels, then the rocks. Contacts are counted alike, and after them the pairs of each hard contact slave.
 """
@@ -34,43 +34,6 @@ from .implicit import (
 #: Status of a step that led nowhere.
 LOST = 1
 LIMIT = 1e6  # [m], [rad], [m/s], [rad/s]: a state beyond it is no rover's
-
-
-@kernel
-def is_at(x_q, x_q_dot, q, q_dot):
-    """True if MuJoCo's data hold the state."""
-    same = True
-    for k in range(q.size):
-        same &= x_q[k] == q[k]
-    for k in range(q_dot.size):
-        same &= x_q_dot[k] == q_dot[k]
-    return same
-
-
-@kernel
-def observe(moves, bodies, roots, xpos, xmat, cvel, com, cdof, where):
-    """Poses, twists and Jacobians of the frames from MuJoCo's; ``moves`` [n, n_dof] is 1 where a coordinate moves a frame."""
-    R, T, twists, J = where
-    for i in range(len(R)):
-        b = bodies[1 + i]
-        # MuJoCo's twists are angular, then linear at the centre of mass of all that hangs on the same root.
-        c = com[roots[b]]
-        s_x, s_y, s_z = xpos[b, 0] - c[0], xpos[b, 1] - c[1], xpos[b, 2] - c[2]
-        for k in range(3):
-            R[i, k] = xpos[b, k]
-            for j in range(3):
-                T[i, j, k] = xmat[b, 3 * k + j]
-        _at_origin(cvel[b], s_x, s_y, s_z, twists[i])
-        for d in range(len(cdof)):
-            if moves[i, d] > 0.0:
-                _at_origin(cdof[d], s_x, s_y, s_z, J[i, :, d])
-
-
-@kernel
-def _at_origin(twist, s_x, s_y, s_z, out):
-    w_x, w_y, w_z = twist[0], twist[1], twist[2]
-    out[0], out[1], out[2] = twist[3] + w_y * s_z - w_z * s_y, twist[4] + w_z * s_x - w_x * s_z, twist[5] + w_x * s_y - w_y * s_x
-    out[3], out[4], out[5] = w_x, w_y, w_z
 
 
 @kernel
@@ -182,15 +145,15 @@ def _assemble(h, drives, dynamics, where, soil, hard, hard_acts, lifted, rows, n
 
 
 @kernel
-def advance(H, drives, dynamics, masses, where, soil, hard, anchors, lifted, rows, n_rows, A, forces, q, q_dot, applied):
-    """Step rover and rocks on, coordinates and rates in place; ``applied`` [n, 3] gets the contact forces that acted on the frames."""
-    h = H[0]
-    R, T, twists, J = where
+def advance(h, drives, soil, hard, work, q, q_dot):
+    """Step rover and rocks on, coordinates and rates in place; ``work.applied`` gets the contact forces that acted on the frames."""
+    where, dynamics = (work.R, work.T, work.twists, work.J), (work.mass, work.bias, work.moves)
+    anchors, lifted, rows, n_rows, A, forces = work.anchors, work.lifted, work.rows, work.n_rows, work.A, work.forces
     for p in range(len(anchors)):
-        keep(R, T, twists, anchors[p])
+        keep(work.R, work.T, work.twists, anchors[p])
     for c in range(lifted.size):
         lifted[c] = 0.0
-    _gather(h, masses, where, soil, hard, anchors, rows, n_rows)
+    _gather(h, work.masses, where, soil, hard, anchors, rows, n_rows)
     while True:
         if not _assemble(h, drives, dynamics, where, soil, hard, True, lifted, rows, n_rows, q_dot, A, forces):
             return LOST
@@ -206,10 +169,10 @@ def advance(H, drives, dynamics, masses, where, soil, hard, anchors, lifted, row
                 pulled = True
         if not pulled:
             break
-    _sum_up(h, soil, hard, lifted, rows, n_rows, forces, applied)
+    _sum_up(h, soil, hard, lifted, rows, n_rows, forces, work.applied)
     for d in range(q_dot.size):
         q_dot[d] += forces[d]
-    _move_on(h, q, q_dot, len(applied) - len(soil[0]))
+    _move_on(h, q, q_dot, len(work.applied) - len(soil[0]))
     for k in range(q.size):
         if not abs(q[k]) <= LIMIT:
             return LOST
@@ -270,19 +233,20 @@ def _move_on(h, q, q_dot, n_rocks):
 
 
 @kernel
-def predict(H, drives, dynamics, masses, where, before, soil, hard, anchors, lifted, rows, n_rows, A, forces, room, q_dot, inverse, free):
+def predict(h, drives, soil, hard, work, q_dot, inverse, free):
     """Inverse inertia of the next step's own matrix at all frames, and their twists at its end without rigid impulses.
 
     Of the former it is the lower triangle, row by row. All other forces stay as they are; those that come with a Jacobian go on along it
-    from the poses ``before`` the step just done, for which they were evaluated. ``room`` [6 n, n_dof] is memory.
+    from the poses before the step just done, for which they were evaluated.
     """
-    h = H[0]
-    R, T, twists, J = where
+    where, dynamics = (work.R, work.T, work.twists, work.J), (work.mass, work.bias, work.moves)
+    anchors, lifted, rows, n_rows, A, forces = work.anchors, work.lifted, work.rows, work.n_rows, work.A, work.forces
+    twists, J, room = work.twists, work.J, work.room
     for p in range(len(anchors)):
-        keep(before[0], before[1], before[2], anchors[p])
+        keep(work.R_before, work.T_before, work.twists_before, anchors[p])
     for c in range(lifted.size):
         lifted[c] = 0.0
-    _gather(h, masses, where, soil, hard, anchors, rows, n_rows)
+    _gather(h, work.masses, where, soil, hard, anchors, rows, n_rows)
     _assemble(h, drives, dynamics, where, soil, hard, False, lifted, rows, n_rows, q_dot, A, forces)
     forward(A, forces)
     for r in range(len(room)):
@@ -298,41 +262,3 @@ def predict(H, drives, dynamics, masses, where, before, soil, hard, anchors, lif
             for d in range(first, forces.size):
                 total += room[r, d] * room[s, d]
             inverse[r * (r + 1) // 2 + s] = total
-
-
-@kernel
-def show(x_q, x_q_dot, q, q_dot, spins, steers, where, applied, wheels, rocks, shown, joints, bodies, cvel, body):
-    """State and outputs from MuJoCo's data and the frames."""
-    steer_angle, wheel_angle, wheel_rate = joints
-    R, T, twists, _ = where
-    for k in range(q.size):
-        x_q[k] = q[k]
-    for k in range(q_dot.size):
-        x_q_dot[k] = q_dot[k]
-    for i in range(len(R)):
-        if i < len(wheels):
-            _show_frame(R[i], T[i], twists[i], wheels[i])
-            for k in range(3):
-                shown[i].f_0[k] = applied[i, k]
-        else:
-            _show_frame(R[i], T[i], twists[i], rocks[i - len(wheels)])
-    for i in range(len(wheels)):
-        # The rover's coordinates come first, and each of them has one number in q.
-        wheel_angle[i] = q[spins[i]]
-        wheel_rate[i] = q_dot[spins[i]]
-        if steers[i] >= 0:
-            steer_angle[i] = q[steers[i]]
-    for j in range(3):
-        body[0].r_0[j] = q[j]
-        body[0].w_0[j] = cvel[bodies[0], j]
-        body[0].v_0[j] = q_dot[j]
-    body[0].yaw = q[3]
-    body[0].pitch = q[4]
-
-
-@kernel
-def _show_frame(r, T, twist, out):
-    for k in range(3):
-        out.r_0[k], out.v_0[k], out.w_0[k] = r[k], twist[k], twist[3 + k]
-        for j in range(3):
-            out.T[k, j] = T[k, j]

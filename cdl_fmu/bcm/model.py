@@ -12,10 +12,10 @@ from ..contact import (
     show,
 )
 from ..frames import cross, dot
-from ..mesh.pool import ConstantPool
 from ..slave.interface import ENVIRONMENT, TESTED, contact_jacobian, diagnostics, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.kernel import kernel
 from ..slave.model import KernelModel, Rule
+from ..slave.pool import ConstantPool
 from ..slave.records import Choice, Real, Record
 from ..soil import BEARING_RULES, RHO_RULE, SOIL
 from ..strength import STRENGTH, STRENGTHS

@@ -2,44 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from ..slave.model import ModelError
+from ..slave.pool import ConstantPool
 from .contacts import CONTACT, Scratch, scratch_for
 from .surface import Meshes, Surface, join, load_surface, nothing, surface_of
 
 #: Most candidates of one pair of tools, of which few are kept.
 CANDIDATES = 512
-
-
-class ConstantPool:
-    """A pool that holds no state: constant arrays, and memory that means nothing between steps."""
-
-    def __init__(self, arrays: Iterable[np.ndarray]):
-        self.arrays = tuple(arrays)
-
-    def reserve(self, u: np.recarray) -> None:
-        """Nothing grows."""
-
-    def save(self) -> tuple:
-        """Nothing is kept."""
-        return ()
-
-    def restore(self, saved: tuple) -> None:
-        """Nothing is kept."""
-
-    @staticmethod
-    def to_bytes(saved: tuple) -> bytes:
-        """Nothing is kept."""
-        return b""
-
-    @staticmethod
-    def from_bytes(data: bytes) -> tuple:
-        """Nothing is kept."""
-        return ()
 
 
 def mesh_pool(meshes: Meshes, memory: tuple[np.ndarray, ...] = ()) -> ConstantPool:

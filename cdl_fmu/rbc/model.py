@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from ..mesh.contacts import CONTACT
-from ..mesh.pool import ConstantPool, mesh_pool, tool_surfaces
+from ..mesh.pool import mesh_pool, tool_surfaces
 from ..mesh.tools import BODY, TOOL_EVENTS, TOOLS, tool_files, tool_inputs
 from ..slave.interface import body_wrench, diagnostics, n_pairs, tool_twists, wheel_wrench
 from ..slave.model import Event, KernelModel, Rule
+from ..slave.pool import ConstantPool
 from ..slave.records import Array, Real, Record
 from ..wheel import WHEEL, WHEEL_RULES
 from .solve import scratch

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from .kernel import MOST_THREADS, array_entry, compiled, kernel
+from .library import Library
 from .pool import Pool
 from .records import Array, Choice, Record, Scalar
 from .state import State
@@ -133,17 +134,22 @@ class Piece:
         name: Its name as an argument, in capitals if the kernels take the record itself.
         start: Where it begins in the block [floats].
         dtype: Of a record.
-        n: Number of records.
+        shape: Number of records, and of those that each has in ``inner``.
+        inner: Array of records in each record that is taken in place of the record; "" for the record, and where there are none.
     """
 
     name: str
     start: int
     dtype: np.dtype
-    n: int
+    shape: tuple[int, ...]
+    inner: str = ""
 
     def view(self, block: np.ndarray) -> np.ndarray:
         """The records in the block as an array."""
-        return block[self.start : self.start + self.n * self.dtype.itemsize // block.itemsize].view(self.dtype)
+        if 0 in self.shape:
+            return np.zeros(self.shape, self.dtype)
+        records = block[self.start : self.start + self.shape[0] * self.dtype.itemsize // block.itemsize].view(self.dtype)
+        return records[self.inner] if self.inner else records
 
 
 class KernelModel(Model):
@@ -152,13 +158,14 @@ class KernelModel(Model):
     Where the model has a pool, the pool's arrays follow: ``step_kernel(t, h, p, u, x, y, *arrays)``.
 
     Kernels are compiled anew for records of other sizes. A model spares itself that with ``arguments``, what its kernels take instead:
-    ``"x.wheel"`` is an array of records, of any length, ``"x"`` one of length one, of the record's fields before the first such array, and
-    the pool's arrays are one tuple. ``initialise_kernel`` gets those that are no inputs. A model that has a parameter ``threads`` has a
+    ``"x.wheel"`` is an array of records, of any length, ``"u.hard.wheel"`` one with a row for each record that has such an array in turn,
+    ``"x"`` one of length one, of the record's fields before the first such array, and the pool's arrays are one tuple.
+    ``initialise_kernel`` gets those that are no inputs, or all if ``starts_from_inputs``. A model that has a parameter ``threads`` has a
     twin of its step for several threads, ``parallel_step_kernel``, and ``arguments``, as numba's prange hands no records to its threads.
 
     A native FMU holds the pool as it was made when the FMU was built (see ``built_in``). Where the extents of arrays hang on parameters
     that may change after that, ``resize_kernel(p, extents, growth)`` writes them over those of then: of all arrays in their order, and
-    the numbers ``per_step`` and ``limit`` of a RowPool.
+    the numbers ``per_step`` and ``limit`` of a RowPool. The C library that kernels call, if they call one, is named in ``library``.
     """
 
     initialise_kernel: object
@@ -167,6 +174,8 @@ class KernelModel(Model):
     arguments: tuple[str, ...] | None = None
     resize_kernel: object | None = None
     needs_python: str = ""
+    library: Library | None = None
+    starts_from_inputs = False
 
     def built_in(self, files: Container[str]) -> tuple[str, ...]:
         """Parameters, by their names or the name of the array of records that holds them, for which a native FMU's pool is made.
@@ -181,19 +190,29 @@ class KernelModel(Model):
         for part in _PARTS:
             starts[part], start = start, start + len(getattr(self, _PARTS[part]))
         if self.arguments is None:
-            return [Piece(part.upper(), starts[part], getattr(self, _PARTS[part]).dtype, 1) for part in _PARTS]
-        pieces = []
-        for argument in self.arguments:
-            part, _, field = argument.partition(".")
-            record = getattr(self, _PARTS[part])
-            array = record.fields[field] if field else Array(1, record.head)
-            before = record.dtype.fields[field][1] // record.starts().itemsize if field and array.n else 0
-            pieces.append(Piece(argument.replace(".", "_"), starts[part] + before, array.record.dtype, array.n))
-        return pieces
+            return [Piece(part.upper(), starts[part], getattr(self, _PARTS[part]).dtype, (1,)) for part in _PARTS]
+        return [self._piece(argument, starts) for argument in self.arguments]
+
+    def _piece(self, argument: str, starts: Mapping[str, int]) -> Piece:
+        part, field, inner = (*argument.split("."), "", "")[:3]
+        name, record = argument.replace(".", "_"), getattr(self, _PARTS[part])
+        if not field:
+            return Piece(name, starts[part], record.head.dtype, (1,))
+        array = record.fields[field]
+        start = starts[part] + (record.dtype.fields[field][1] // record.starts().itemsize if array.n else 0)
+        if not inner:
+            return Piece(name, start, array.record.dtype, (array.n,))
+        each = array.record.fields[inner]
+        shape = array.n, each.n
+        return Piece(name, start, each.record.dtype, shape) if 0 in shape else Piece(name, start, array.record.dtype, shape, inner)
+
+    def at_start(self, pieces: Mapping[str, object]) -> list:
+        """Of what is given for each piece, by its name, that which ``initialise_kernel`` takes."""
+        return [given for name, given in pieces.items() if self.starts_from_inputs or name[0] not in "uU"]
 
     def bind(self, instance: Instance):
         views = {piece.name: piece.view(instance.block) for piece in self.pieces()}
-        kept = tuple(view for name, view in views.items() if name[0] not in "uU")
+        kept = self.at_start(views)
         pool, views = instance.pool, tuple(views.values())
         threads = 1 if self.parallel_step_kernel is None else int(instance.p.threads) or MOST_THREADS
         several = threads > 1

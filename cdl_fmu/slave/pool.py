@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import count
 from typing import NamedTuple, Protocol
 
@@ -36,6 +37,40 @@ class Pool(Protocol):
     @staticmethod
     def from_bytes(data: bytes) -> object:
         """The saved content that ``to_bytes`` wrote."""
+
+
+class ConstantPool:
+    """A pool that holds no state: constant arrays, and memory that means nothing between steps.
+
+    Args:
+        arrays: Those, zeros where they are memory.
+        foreign: Arrays that follow them and belong to a library (see ``cdl_fmu.slave.library``): what its objects hold.
+    """
+
+    def __init__(self, arrays: Iterable[np.ndarray], foreign: Iterable[np.ndarray] = ()):
+        own = tuple(arrays)
+        self.arrays = (*own, *foreign)
+        self.n_foreign = len(self.arrays) - len(own)
+
+    def reserve(self, u: np.recarray) -> None:
+        """Nothing grows."""
+
+    def save(self) -> tuple:
+        """Nothing is kept."""
+        return ()
+
+    def restore(self, saved: tuple) -> None:
+        """Nothing is kept."""
+
+    @staticmethod
+    def to_bytes(saved: tuple) -> bytes:
+        """Nothing is kept."""
+        return b""
+
+    @staticmethod
+    def from_bytes(data: bytes) -> tuple:
+        """Nothing is kept."""
+        return ()
 
 
 class SavedRows(NamedTuple):

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from ..contact import NO_DATA, WHEEL_EVENTS, has_pose, refusal, release, sees
-from ..mesh.pool import ConstantPool
 from ..mesh.ray import MeshGround, highest, mesh_ground
 from ..mesh.surface import Meshes, load_surface, nothing
 from ..slave.interface import body_pose
 from ..slave.kernel import kernel
 from ..slave.model import STATUS_SPAN, Event, ModelError
+from ..slave.pool import ConstantPool
 from ..slave.records import Array, Real, Record
 from ..wheel import tip_radius
 from .follow import PLANE, follow_plane

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..mesh.pool import CANDIDATES, ConstantPool, mesh_pool, tool_surfaces
+from ..mesh.pool import CANDIDATES, mesh_pool, tool_surfaces
 from ..mesh.tools import BODY, TOOL_EVENTS, TOOLS, tool_files, tool_inputs
 from ..slave.interface import contact_jacobian, diagnostics, pair_contacts, patch_in, wheel_active, wheel_pose, wheel_wrench
 from ..slave.model import KernelModel
+from ..slave.pool import ConstantPool
 from ..slave.records import Array, Choice, Real, Record
 from ..soil import BEARING_RULES, SOIL
 from ..terrain.follow import TAU_N

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cache
@@ -19,6 +20,7 @@ from ..archive import checked_files, digest, write_archive
 from ..compiler import Platform, compile_shared
 from ..description import DISTRIBUTION, installed_version, model_description, model_guid
 from ..kernel import cache_folder, sources_hash
+from ..library import Library
 from ..model import Instance, KernelModel
 from ..records import Record
 from .description3 import model_description3
@@ -32,19 +34,19 @@ _PLATFORMS: dict[Platform, tuple[str, str, str, str]] = {
     "win64": ("x86_64-w64-windows-gnu", "win64", "x86_64-windows", ".dll"),
 }
 #: What the binaries hold code of, and where each has its licence: kernels call functions of numba, and compilers add their run-time.
-_LICENCES = {
-    DISTRIBUTION: "LICENSE",
-    "numba": "LICENSE",
-    "ziglang": "ziglang/LICENSE",
-    "ziglang ": "ziglang/lib/libc/mingw/COPYING",
-}
+_LICENCES = (
+    (DISTRIBUTION, "LICENSE"),
+    ("numba", "LICENSE"),
+    ("ziglang", "ziglang/LICENSE"),
+    ("ziglang", "ziglang/lib/libc/mingw/COPYING"),
+)
 _NONE: Mapping = MappingProxyType({})
 
 
 def cached_native_fmu(model: KernelModel, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Path of the model's native FMU of FMI 2 with these start values and files in the user's cache, built there if it is new."""
     packed = sorted((name, path.name, digest(path)) for name, path in checked_files(model, files).items())
-    key = hashlib.sha256(f"native {_sources()} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
+    key = hashlib.sha256(f"native {_sources(model.library)} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
         build_native_fmus(model, {"2.0": path}, starts, files)
@@ -54,7 +56,7 @@ def cached_native_fmu(model: KernelModel, starts: Mapping[str, float | str] = _N
 def build_native_fmus(
     model: KernelModel, paths: Mapping[str, Path], starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE
 ) -> None:
-    """Write a model's native FMUs, with binaries for linux64 and win64.
+    """Write a model's native FMUs, with binaries for linux64 and win64, or for linux64 alone if its kernels call a library.
 
     Args:
         model: The model, of a class that can be imported by name.
@@ -71,6 +73,9 @@ def build_native_fmus(
         raise ExportError(
             f"{model.identifier} cannot be a native FMU: {model.needs_python}; take the FMU that 'cdl build {model.identifier}' makes"
         )
+    library = model.library
+    if library and sys.platform != "linux":
+        raise ExportError(f"{model.identifier}: its native FMU ships {library.file.stem} for linux64: build it on Linux")
     model = _serial(model)
     files = checked_files(model, files)
     instance = Instance(model)
@@ -79,21 +84,22 @@ def build_native_fmus(
     names = {name: files[name].name if name in files else "" for name in model.files}
     given = instance.block.copy()
     pool = model.make_pool(instance.p, files)
-    contents = {path.name: digest(path) for path in files.values()} | {"sources": _sources()}
+    contents = {path.name: digest(path) for path in files.values()} | {"sources": _sources(library)}
     guid = model_guid(model, starts, contents)
     with tempfile.TemporaryDirectory(prefix="cdl-native-") as folder:
         binaries = {}
-        for platform, (triple, _, _, suffix) in _PLATFORMS.items():
+        for platform, code in _kernels(model).items():
+            triple, _, _, suffix = _PLATFORMS[platform]
             table = Path(folder, f"{platform}.o")
             table.write_bytes(table_object(model, guid, given, names, pool, model.built_in(files), triple))
             binaries[platform] = Path(folder, platform, f"{model.identifier}{suffix}")
             binaries[platform].parent.mkdir()
             compile_shared(
-                sorted(_C.glob("*.c")),
+                [*sorted(_C.glob("*.c")), *([library.source] if library else [])],
                 binaries[platform],
                 platform=platform,
-                objects=[table, _kernels(model)[platform]],
-                flags=[f"-I{Path(find_spec('fmpy').origin).parent / 'c-code'}"],  # FMI's own headers
+                objects=[table, code, *([library.file] if library else [])],
+                flags=[f"-I{Path(find_spec('fmpy').origin).parent / 'c-code'}", *_flags(library)],  # FMI's own headers
                 libraries=["m"],
             )
         arrays = content_of(pool)
@@ -103,13 +109,19 @@ def build_native_fmus(
                 description = model_description(model, guid, {**starts, **{name: text for name, text in names.items() if text}})
             else:
                 description = model_description3(model, guid, given, names)
-            _write(path, version, description, binaries, content)
+            _write(path, version, description, binaries, content, library)
 
 
 @cache
-def _sources() -> str:
+def _sources(library: Library | None) -> str:
     """Hash [hex] of all that binaries are made of."""
-    return hashlib.sha256(sources_hash().encode() + b"".join(path.read_bytes() for path in sorted(_C.iterdir()))).hexdigest()
+    paths = [*sorted(_C.iterdir()), *([library.source, library.file] if library else [])]
+    return hashlib.sha256(sources_hash().encode() + b"".join(path.read_bytes() for path in paths)).hexdigest()
+
+
+def _flags(library: Library | None) -> list[str]:
+    """For the compiler: the library lies beside the binary."""
+    return ["-DMODEL_OPENS", f"-I{_C}", f"-I{library.headers}", "-Wl,-rpath,$ORIGIN"] if library else []
 
 
 def _serial(model: KernelModel) -> KernelModel:
@@ -126,9 +138,10 @@ def _serial(model: KernelModel) -> KernelModel:
 def _kernels(model: KernelModel) -> dict[Platform, Path]:
     """Object files of the model's kernels in the user's cache, made there if their sources are new."""
     folder = cache_folder("native", sources_hash()[:16])
-    paths = {platform: folder / f"{model.identifier}-{type(model).__module__}.{platform}.o" for platform in _PLATFORMS}
+    platforms = ("linux64",) if model.library else tuple(_PLATFORMS)
+    paths = {platform: folder / f"{model.identifier}-{type(model).__module__}.{platform}.o" for platform in platforms}
     if not all(path.exists() for path in paths.values()):
-        for path, code in zip(paths.values(), object_code(model, [triple for triple, *_ in _PLATFORMS.values()])):
+        for path, code in zip(paths.values(), object_code(model, [_PLATFORMS[platform][0] for platform in platforms])):
             # Beside the target: the finished file takes its name in one step.
             with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
                 file.write(code)
@@ -136,22 +149,27 @@ def _kernels(model: KernelModel) -> dict[Platform, Path]:
     return paths
 
 
-def _write(path: Path, version: str, description: Element, binaries: Mapping[Platform, Path], content: bytes) -> None:
+def _write(
+    path: Path, version: str, description: Element, binaries: Mapping[Platform, Path], content: bytes, library: Library | None
+) -> None:
     """Write the archive, which appears at once or not at all."""
     column = {"2.0": 1, "3.0": 2}[version]
     members = {"modelDescription.xml": b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(description)}
     members |= {f"binaries/{_PLATFORMS[platform][column]}/{file.name}": file.read_bytes() for platform, file in binaries.items()}
-    members |= {f"documentation/licenses/{name}": text for name, text in _licences().items()}
+    if library:
+        members[f"binaries/{_PLATFORMS['linux64'][column]}/{library.file.name}"] = library.file.read_bytes()
+    licences = (*_LICENCES, *(library.licences if library else ()))
+    members |= {f"documentation/licenses/{name}": text for name, text in _licences(licences).items()}
     if content:
         members["resources/constants.bin"] = content
     write_archive(path, members)
 
 
-def _licences() -> dict[str, bytes]:
+def _licences(licences: Iterable[tuple[str, str]]) -> dict[str, bytes]:
     """Texts by file name; FMI wants that of the FMU itself under the name license.txt."""
     texts = {}
-    for package, file in _LICENCES.items():
-        text = distribution(package.strip()).read_text(f"licenses/{file}")
-        name = "license.txt" if package == DISTRIBUTION else f"{package.strip()}-{file.replace('/', '-')}.txt"
+    for package, file in licences:
+        text = distribution(package).read_text(f"licenses/{file}")
+        name = "license.txt" if package == DISTRIBUTION else f"{package}-{file.replace('/', '-')}.txt"
         texts[name] = (text or "").encode()
     return texts

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from ..model import KernelModel, Rule
+from ..model import KernelModel, Piece, Rule
 
 #: Functions of libm that the object may leave undefined; LLVM joins a sin and a cos of one angle to glibc's sincos.
 LIBM = frozenset(
@@ -53,7 +53,7 @@ def object_code(model: KernelModel, triples: Sequence[str]) -> list[bytes]:
         triples: LLVM target triples of this machine's processor architecture, such as ``x86_64-pc-windows-gnu``.
 
     Returns:
-        An object file for each; of foreign functions it needs only those in ``LIBM`` and ``MEMORY``.
+        An object file for each; of foreign functions it needs only those in ``LIBM``, ``MEMORY`` and the model's library.
 
     Raises:
         ExportError: The kernels need more than that, or the class cannot be imported.
@@ -81,14 +81,14 @@ def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
 
     pieces = model.pieces()
     # As the block has no bytes for an array of length 0, that is no record of an array of length 1, from its begin.
-    formats = [(piece.dtype, (max(piece.n, 1),)) for piece in pieces]
+    formats = [(piece.dtype, piece.shape[:1] if piece.inner else tuple(max(n, 1) for n in piece.shape)) for piece in pieces]
     offsets = [piece.start * np.float64().itemsize for piece in pieces]
     size = max(offset + np.dtype(one).itemsize for offset, one in zip(offsets, formats))
     names = [piece.name for piece in pieces]
     block = types.CPointer(numba.from_dtype(np.dtype(dict(names=names, formats=formats, offsets=offsets, itemsize=size))))
     parameters = types.CPointer(numba.from_dtype(model.parameters.dtype))
-    taken = {piece.name: f"b.{piece.name}" + ("[0]" if piece.name.isupper() else f"[:{piece.n}]") for piece in pieces}
-    kept = [expression for name, expression in taken.items() if name[0] not in "uU"]
+    taken = {piece.name: _taken(piece) for piece in pieces}
+    kept = model.at_start(taken)
     pool = model.make_pool(model.parameters.starts().view(model.parameters.dtype).view(np.recarray)[0], {})
     arrays = () if pool is None else pool.arrays
     views = _views(arrays)
@@ -141,6 +141,15 @@ def resize(parameters, extents, growth):
     return compiled
 
 
+def _taken(piece: Piece) -> str:
+    """An expression for a piece of the block ``b`` in an entry."""
+    if piece.name.isupper():
+        return f"b.{piece.name}[0]"
+    if piece.inner:
+        return f"b.{piece.name}[:].{piece.inner}"
+    return f"b.{piece.name}[{', '.join(f':{n}' for n in piece.shape)}]"
+
+
 def _views(arrays: tuple) -> list[str]:
     """An expression for each of a pool's arrays in an entry's arguments ``arrays`` and ``extents``."""
     views, at = [], 0
@@ -182,8 +191,8 @@ def target_machine(triple: str):
     return llvm.Target.from_triple(triple).create_target_machine(cpu=cpu, opt=3, reloc="pic", codemodel="small")
 
 
-def _emit(entries: dict[str, tuple[str, str]], triple: str) -> bytes:
-    """Object file of the entries and what they call, and nothing else."""
+def _emit(entries: dict[str, tuple[str, str]], triple: str, theirs: frozenset[str]) -> bytes:
+    """Object file of the entries and what they call, and nothing else; ``theirs`` are the functions of the model's library."""
     import llvmlite.binding as llvm
 
     machine = target_machine(triple)
@@ -200,7 +209,7 @@ def _emit(entries: dict[str, tuple[str, str]], triple: str) -> bytes:
     passes.add_global_dead_code_eliminate_pass()
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
 
-    foreign = {f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")} - LIBM - MEMORY
+    foreign = {f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")} - LIBM - MEMORY - theirs
     if foreign:
         raise ExportError(f"the kernels call {', '.join(sorted(foreign))}; {_RULE}")
     # numba numbers what it compiles, so local names depend on what else was compiled or cached: not in a reproducible object.
@@ -216,7 +225,7 @@ def _main() -> None:
     try:
         entries = _entries(model)
         for triple, path in zip(triples, paths):
-            Path(path).write_bytes(_emit(entries, triple))
+            Path(path).write_bytes(_emit(entries, triple, frozenset(model.library.functions if model.library else ())))
     except ExportError as error:
         sys.exit(str(error))
 

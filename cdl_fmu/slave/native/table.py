@@ -11,12 +11,12 @@ import numpy as np
 from llvmlite import ir
 
 from ..model import KernelModel
-from ..pool import Pool, RowPool
+from ..pool import ConstantPool, Pool, RowPool
 from ..records import Array, Choice, Scalar
 from .kernels import target_machine
 
 _TEXT, _INDEX, _BLOCK, _NUMBER = range(4)
-_ROWS, _MARKS, _HEAD, _ZEROS, _CONTENT = range(5)
+_ROWS, _MARKS, _HEAD, _ZEROS, _CONTENT, _FOREIGN = range(6)
 #: Formats that C's printf understands as Python does.
 _SPEC = re.compile(r"(\.\d+)?[gf]")
 _INT, _DOUBLE, _POINTER = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
@@ -40,7 +40,7 @@ def table_object(
 
 
 def content_of(pool: Pool | None) -> list[np.ndarray]:
-    """The arrays of a pool that are kept in the FMU's resources: those that are not all zeros, rows and marks apart."""
+    """The arrays of a pool that are kept in the FMU's resources: those that are not all zeros, but for rows, marks and a library's."""
     return [] if pool is None else [a for a, kind in zip(pool.arrays, _kinds(pool)) if kind == _CONTENT]
 
 
@@ -48,6 +48,8 @@ def _kinds(pool: Pool) -> list[int]:
     kinds = [_CONTENT if np.frombuffer(a.tobytes(), np.uint8).any() else _ZEROS for a in pool.arrays]
     if isinstance(pool, RowPool):
         kinds[:3] = _ROWS, _MARKS, _HEAD
+    if isinstance(pool, ConstantPool):
+        kinds[len(kinds) - pool.n_foreign :] = [_FOREIGN] * pool.n_foreign
     return kinds
 
 

@@ -74,19 +74,30 @@ static int read_content(const struct instance *m, struct memory *memory)
     return done ? OK : refuse(m, "%s is damaged or of another FMU: unpack the FMU again", path);
 }
 
+#ifdef MODEL_OPENS
+/* The arrays that belong to a library. */
+static void **foreign_of(const struct memory *memory)
+{
+    int64_t i = 0;
+    while (model->arrays[i].kind != FOREIGN)
+        i++;
+    return memory->arrays + i;
+}
+#endif
+
 void memory_free(struct memory *memory)
 {
     if (!memory)
         return;
 #ifdef MODEL_OPENS
     if (memory->is_open)
-        model_close(memory->arrays);
+        model_close(foreign_of(memory));
 #endif
     if (memory->kept)
         for (int64_t r = 0; r < memory->extents[0]; r++)
             let_go(memory->kept[r]);
     if (memory->arrays)
-        for (int64_t i = 0; i < model->n_arrays; i++)
+        for (int64_t i = 0; i < model->n_arrays && model->arrays[i].kind != FOREIGN; i++)
             free(memory->arrays[i]);
     free(memory->kept);
     free(memory->arrays);
@@ -116,7 +127,7 @@ struct memory *memory_new(const struct instance *m)
     if (model->can_resize)
         model_resize(&result, &raised, m->block, memory->extents, memory->growth);
     const int64_t *extents = memory->extents;
-    for (int64_t i = 0; i < model->n_arrays; extents += model->arrays[i++].n_extents) {
+    for (int64_t i = 0; i < model->n_arrays && model->arrays[i].kind != FOREIGN; extents += model->arrays[i++].n_extents) {
         bytes = bytes_of(model->arrays + i, extents);
         total = bytes == SIZE_MAX || total > SIZE_MAX - bytes ? SIZE_MAX : total + bytes;
         memory->arrays[i] = bytes == SIZE_MAX ? NULL : calloc(bytes + 1, 1);
@@ -135,7 +146,7 @@ struct memory *memory_new(const struct instance *m)
         return NULL;
     }
 #ifdef MODEL_OPENS
-    const char *wrong = model_open(m->block, m->resources, memory->arrays);
+    const char *wrong = model_open(memory->arrays, foreign_of(memory));
     if (wrong) {
         memory_free(memory);
         return refuse(m, "%s", wrong), NULL;

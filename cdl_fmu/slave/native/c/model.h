@@ -32,8 +32,9 @@ struct message {
     const struct piece *pieces;
 };
 
-/* Memory that kernels get beside the block. Rows that grow come first where there are such, then their marks and the head (see pool.py). */
-enum { ROWS, MARKS, HEAD, ZEROS, CONTENT };
+/* Memory that kernels get beside the block. Rows that grow come first where there are such, then their marks and the head (see pool.py);
+   what belongs to a library comes last. */
+enum { ROWS, MARKS, HEAD, ZEROS, CONTENT, FOREIGN };
 struct array {
     int64_t kind, item_size, n_extents;
 };
@@ -67,9 +68,11 @@ int32_t model_check(int32_t *result, void **raised, const double *block, double 
 /* Write over extents and growth what is another for these parameters than for those that the table was made for. */
 int32_t model_resize(int32_t *result, void **raised, const double *block, int64_t *extents, int64_t *growth);
 
-#ifdef MODEL_OPENS /* a model that works with a library of others: what it keeps of it, in the place of its last arrays */
-const char *model_open(const double *block, const char *resources, void **arrays); /* what went wrong, or NULL */
-void model_close(void **arrays);
+#ifdef MODEL_OPENS
+/* A model that works with a library (library.py): set all FOREIGN arrays, from ``own`` on, to what the library's objects hold, made anew
+   for an instance whose other arrays are as at the start; and free them. Returns what went wrong, or NULL. */
+const char *model_open(void *const *arrays, void **own);
+void model_close(void **own);
 #endif
 
 #endif
