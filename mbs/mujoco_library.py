@@ -18,7 +18,7 @@ _OF_STATE = types.void(_ADDRESS, _ADDRESS)
 MUJOCO = Library(
     file=next(_FOLDER.glob(_FILES.get(sys.platform, "libmujoco.so.*"))),
     headers=_FOLDER / "include",
-    source=Path(__file__).parent / "native" / "rover.c",
+    source=Path(__file__).parent / "rover.c",
     functions={
         **dict.fromkeys(("mj_setConst", "mj_kinematics", "mj_comPos", "mj_comVel", "mj_makeM"), _OF_STATE),
         "mj_fullM": types.void(_ADDRESS, _ADDRESS, _ADDRESS),

@@ -18,7 +18,7 @@ class Constants(NamedTuple):
     """What is the same for all parameters; n frames are the wheels, then the rocks.
 
     Attributes:
-        compiled: MuJoCo's model as it saves it: number of bytes, then the bytes; ``native/rover.c`` loads it.
+        compiled: MuJoCo's model as it saves it: number of bytes, then the bytes; ``rover.c`` loads it.
         bodies: Number in MuJoCo of the rover's body, then of each frame's [1 + n].
         roots: Of the body on which each of these hangs [1 + n].
         spins: Coordinate of each wheel's angle.
@@ -72,7 +72,7 @@ class Work(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """What MuJoCo holds, under its own names; ``native/rover.c`` lists the same in the same order.
+    """What MuJoCo holds, under its own names; ``rover.c`` lists the same in the same order.
 
     Attributes:
         addresses: Of MuJoCo's model and data.

@@ -11,7 +11,6 @@ from cdl_fmu.bcm import BCM
 from cdl_fmu.slave.model import Instance, ModelError
 from mbs.driver import Driver
 from mbs.rover import Rover
-from mbs.rover_mjcf import two_wheel
 from validation.reference import accelerate, place_wheels, simulate_reference
 
 WEIGHT = 54 * 9.81
@@ -26,8 +25,8 @@ def parts(**driver):
 def test_equations_of_motion_agree_with_mujoco():
     rng = np.random.default_rng(1)
     contact, rover, _ = parts()
-    m = two_wheel(rover.p, 0)
-    d = mujoco.MjData(m)
+    rover.initialise()
+    m, d = rover.pool.m, rover.pool.d
     _, U, _, Y = contact.arrays
     mass, acceleration, work = np.zeros((m.nv, m.nv)), np.zeros(5), np.zeros((2, 12, 12))
     for _ in range(20):
