@@ -168,8 +168,12 @@ static void route(const System *s) {
 /* -- FMUs */
 
 static void logger(void *environment, fmi2String instance, fmi2Status status, fmi2String category, fmi2String message, ...) {
-    /* As it is, without arguments: FMUs write texts with "%" here, and no arguments after them. */
-    fprintf(stderr, "%s: %s\n", instance, message);
+    va_list arguments;
+    va_start(arguments, message);
+    fprintf(stderr, "%s: ", instance);
+    vfprintf(stderr, message, arguments); /* in FMI 2.0 a message is a format of printf */
+    fputc('\n', stderr);
+    va_end(arguments);
 }
 
 static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
