@@ -78,6 +78,7 @@ static void *run(void *argument) {
     struct thread *t = self = argument;
     while (now() < t->end) act(t);
     free_all(t);
+    t->is_done = 1;
     return NULL;
 }
 
@@ -91,12 +92,14 @@ static void prepare(struct thread *t, int number, double seconds) {
 }
 
 /* Sleep until all is done, and see that no call hangs. */
-static void watch(double end) {
-    while (now() < end) {
+static void watch(void) {
+    for (int left = n_threads; left;) {
         nanosleep(&(struct timespec){.tv_nsec = 100000000}, NULL);
+        left = n_threads;
         for (struct thread *t = threads; t < threads + n_threads; t++) {
             const double began = t->began;
             if (began > 0.0 && now() - began > LONGEST_CALL_S) found(t, "a call takes more than 60 s");
+            left -= t->is_done;
         }
     }
 }
@@ -123,7 +126,7 @@ int main(int argc, char **argv) {
         prepare(threads + i, i, seconds);
         pthread_create(&threads[i].thread, NULL, run, threads + i);
     }
-    watch(threads[n_threads - 1].end);
+    watch();
     unsigned long calls = 0, refused = 0, steps = 0;
     for (int i = 0; i < n_threads; i++) {
         pthread_join(threads[i].thread, NULL);

@@ -84,10 +84,11 @@ struct thread {
     unsigned n_instances; /* made so far */
     uint32_t *references;
     double *values, *outputs, *again;
-    /* For reports. */
+    /* For reports, and for the thread that watches. */
     struct call calls[LAST_CALLS];
     unsigned long n_calls, n_refused, n_steps;
-    double began; /* the call that runs, 0 between calls */
+    volatile double began; /* the call that runs, 0 between calls */
+    volatile int is_done;
     char last_text[LONGEST_TEXT];
 };
 
