@@ -298,7 +298,7 @@ static void drive(struct thread *t, struct instance *m) {
         set(t, m, "u", SANE, 1);
         change_phase(t, m, 2);
     }
-    for (size_t n = below(&t->random, 60); n-- && m->phase == STEPPING;) {
+    for (size_t n = below(&t->random, chance(t, 8) ? 100 : 6); n-- && m->phase == STEPPING;) {
         set(t, m, "u", SANE, 1);
         if (!step(t, m, m->t, 1e-3)) break;
     }
