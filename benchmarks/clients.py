@@ -26,7 +26,7 @@ from orchestrator.master import Master
 from orchestrator.ssp import System, read_system
 
 CHECKOUT = Path(__file__).resolve().parents[1]
-CLIENT = CHECKOUT / "tests" / "clients.py"
+CLIENT = CHECKOUT / "benchmarks" / "client.py"
 #: Client -> what its environment needs from PyPI.
 PACKAGES = {"libcosim": ["libcosimpy"], "ecos": ["ecospy", "tbb"], "fmpy": ["fmpy"]}
 LOAD = 27.0 * 9.81  # [N] on each wheel at rest: half of the point mass and the wheel's own
@@ -76,8 +76,8 @@ def ours(system: System, scheme: str, signals: list[str], steps: int, every: int
     return Recording(np.array(rows), wall, "")
 
 
-def environment(client: str, folder: Path, with_us: bool) -> Path:
-    """Python of the client's environment, made if it is missing."""
+def environment(client: str, folder: Path, with_us: bool) -> list[str | Path]:
+    """Command that starts Python in the client's environment and in no other; the environment is made if it is missing."""
     place = folder / (f"{client}_with_cdl" if with_us else client)
     python = place / "bin" / "python"
     if not (place / "complete").exists():
@@ -85,17 +85,17 @@ def environment(client: str, folder: Path, with_us: bool) -> Path:
         subprocess.run([sys.executable, "-m", "venv", "--clear", place], check=True)
         subprocess.run([python, "-m", "pip", "install", "-q", *PACKAGES[client], *([CHECKOUT] if with_us else [])], check=True)
         (place / "complete").touch()
-    return python
+    return [python, "-I"]
 
 
-def theirs(client: str, python: Path, ssp: Path, signals: list[str], steps: int, every: int) -> Recording:
-    """The client's run of a package, in its own process and environment; raises RuntimeError with what it said if it fails."""
+def theirs(client: str, python: list, ssp: Path, signals: list[str], steps: int, every: int) -> Recording:
+    """The client's run of a package in a process of its own, started by ``python``; raises RuntimeError with what it said if it fails."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "recorded.json")
-        command = [python, "-I", CLIENT, client, ssp, str(steps * STEP), out, "--every", str(every * STEP), *signals]
+        command = [*python, CLIENT, client, ssp, str(steps * STEP), out, "--every", str(every * STEP), *signals]
         done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
         if done.returncode:
-            raise RuntimeError(f"ended with {done.returncode}: {(done.stderr or done.stdout).strip().splitlines()[-1]}")
+            raise RuntimeError(f"{client} ended with {done.returncode}: {(done.stderr or done.stdout).strip()}")
         found = json.loads(out.read_text())
     return Recording(np.array([found["values"][name] for name in signals]).T, found["wall_s"], found["version"])
 
@@ -146,7 +146,8 @@ def compare(ssp: Path, clients: list[str], environments: Path, stop_time: float,
             found = theirs(client, environment(client, environments, python_fmus), ssp.resolve(), signals, steps, every)
             rows.append(row(client, found, zeros if client == "fmpy" else jacobi))
         except (RuntimeError, subprocess.CalledProcessError) as error:
-            rows.append([client, "", kind, str(error), *[""] * 4])
+            print(error, file=sys.stderr)
+            rows.append([client, "", kind, str(error).splitlines()[-1], *[""] * 4])
     return rows
 
 

@@ -1,6 +1,6 @@
 """Foreign masters, each run as a process of its own that needs the master and Python alone, nothing of this package.
 
-    python clients.py CLIENT SSP STOP_TIME OUT [--every S] [SIGNAL ...]
+    python benchmarks/client.py CLIENT SSP STOP_TIME OUT [--every S] [SIGNAL ...]
 
 runs a package in fmpy, libcosim or ecos and writes as JSON what it records: ``values``, signal -> values at ``times`` [s], with the
 client's ``version`` and ``wall_s``, the wall time of all steps but the first, in which libcosim initialises the FMUs. Signals are outputs,
