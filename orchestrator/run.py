@@ -128,7 +128,7 @@ def run(
                     replay(start + k * step, channels, result)
                 if particle_steps:
                     particles(start + k * step, master)
-                shown, began = 0.0, time.perf_counter()
+                shown, began, checkpoint = 0.0, time.perf_counter(), resume
                 try:
                     while k < n_steps and not interrupted():
                         master.step(start + k * step, step)
@@ -142,15 +142,18 @@ def run(
                         if checkpoint_steps and k % checkpoint_steps == 0:
                             result.flush()
                             last_row = start + (k if k == n_steps else k - k % every) * step
-                            _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k, last_row)
+                            checkpoint = out / f"checkpoint_{start + k * step:.3f}s.npz"
+                            _write_checkpoint(checkpoint, master, identity, k, last_row)
                         now = time.perf_counter()
                         if now - shown > 0.1 or k == n_steps:
                             shown = now
                             progress(start + k * step, stop)
-                except SlaveError:
+                except SlaveError as error:
                     with suppress(Exception):  # the slave may not give its state any more; its failure is what counts
                         look(k)
-                    raise
+                    if checkpoint is None:
+                        raise
+                    raise SlaveError(f"{error}; once its cause is mended, go on with --resume {checkpoint}") from error
                 look(k)
                 status = "complete" if k == n_steps else "interrupted"
                 result.close(status)
