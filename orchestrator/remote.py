@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import socket
+import struct
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, suppress
@@ -24,6 +25,8 @@ from .ssp.read import SSD
 _SCRIPT = '''"""Proxy FMU of {identifier}, which 'cdl serve' runs at {host}:{port}."""
 
 from cdl_fmu.slave.remote_slave import RemoteSlave
+
+names = globals()  # pythonfmu's wrapper gives up a reference to them that it does not own; without another they would be gone
 
 
 class {identifier}_remote(RemoteSlave):
@@ -45,7 +48,7 @@ class _Served(Slave):
         self._warned: list[str] = []
         super().__init__(instance, component.model_description, component.directory, self._warned.append)
         fmu = self._fmu
-        self._getters = dict(zip(Kind, (fmu.getReal, fmu.getInteger, fmu.getBoolean, fmu.getString)))
+        self._getters = dict(zip(Kind, (fmu.getReal, fmu.getInteger, fmu.getBoolean, self._strings)))
         self._setters = dict(zip(Kind, (fmu.setReal, fmu.setInteger, fmu.setBoolean, fmu.setString)))
 
     def answer(self, call: Call, content: bytes) -> bytes:
@@ -70,6 +73,9 @@ class _Served(Slave):
         elif call == Call.EXIT_INITIALIZATION:
             self._call("initialisation", self._fmu.exitInitializationMode)
         return b""
+
+    def _strings(self, references: list[int]) -> list[str]:
+        return [text.decode() for text in self._fmu.getString(references)]
 
     def warnings(self) -> list[str]:
         """Those since the last call."""
@@ -109,33 +115,36 @@ def _attend(wire: Wire, component: Component) -> str:
     try:
         while True:
             code, content = wire.receive()
-            failed, data = 0, b""
+            data = b""
             try:
-                if code == Call.HELLO:
-                    slave = _welcome(component, json.loads(content))
-                elif code == Call.TERMINATE:
-                    _answer(wire, 0, slave.warnings(), b"")
-                    return "the master has ended its run"
-                else:
+                if slave is None:
+                    slave = _welcome(component, code, content)
+                elif code != Call.TERMINATE:
                     data = slave.answer(Call(code), content)
             except _Refused as error:
                 late.append(str(error))
             if code == Call.SET:
                 continue
             if late:
-                failed, data = 1, "; ".join(dict.fromkeys(late)).encode()
-                late.clear()
-            _answer(wire, failed, slave.warnings() if slave else [], data)
+                data = "; ".join(dict.fromkeys(late)).encode()
+            _answer(wire, bool(late), slave.warnings() if slave else [], data)
+            late.clear()
+            if code == Call.TERMINATE:
+                return "the master has ended its run"
     except OSError as error:
         return f"the connection to the master is lost ({error})"
+    except (ValueError, KeyError, struct.error) as error:
+        return f"what is connected is no proxy FMU of this version ({error})"
     finally:
         if slave is not None:
             with suppress(Exception):  # one that has failed may refuse this, too
                 slave.close()
 
 
-def _welcome(component: Component, hello: Mapping[str, str]) -> _Served:
-    guid = component.model_description.guid
+def _welcome(component: Component, code: int, content: bytes) -> _Served:
+    if code != Call.HELLO:
+        raise ValueError(f"it began with call {code}")
+    hello, guid = json.loads(content), component.model_description.guid
     if hello["guid"] != guid:
         raise _Refused(
             f"{hello['instance']}: the FMU that is served has GUID {guid}, the proxy stands for {hello['guid']}: "
@@ -144,7 +153,7 @@ def _welcome(component: Component, hello: Mapping[str, str]) -> _Served:
     return _Served(component, hello["instance"])
 
 
-def _answer(wire: Wire, failed: int, warnings: list[str], data: bytes) -> None:
+def _answer(wire: Wire, failed: bool, warnings: list[str], data: bytes) -> None:
     texts = json.dumps(warnings).encode()
     wire.send(failed, len(texts).to_bytes(4, "little") + texts + data)
 
