@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, suppress
 from pathlib import Path
 from xml.etree import ElementTree
-from zipfile import ZIP_STORED, ZipFile
+from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 from cdl_fmu.slave.build import pack
 from cdl_fmu.slave.remote_slave import DESCRIPTION
@@ -24,16 +24,13 @@ from .ssp.read import SSD
 
 _SCRIPT = '''"""Proxy FMU of {identifier}, which 'cdl serve' runs at {host}:{port}."""
 
-from cdl_fmu.slave.remote_slave import RemoteSlave
-
-names = globals()  # pythonfmu's wrapper gives up a reference to them that it does not own; without another they would be gone
+from cdl_fmu.slave.remote_slave import RemoteSlave, Served
 
 
 class {identifier}_remote(RemoteSlave):
-    identifier = "{identifier}"
-    served_guid = "{guid}"
-    host = "{host}"
-    port = {port}
+    @staticmethod
+    def served():
+        return Served("{identifier}", "{guid}", "{host}", {port})
 '''
 
 
@@ -179,7 +176,9 @@ def write_remote(package: Path, system: System, served: Mapping[str, tuple[str, 
                 elif entry.filename in used or not entry.filename.endswith(".fmu"):
                     new.writestr(entry, old.read(entry))
             for source, content in sources.items():
-                new.writestr(source, content)
+                entry = ZipInfo(source)  # without a date, so that the same package is written again
+                entry.external_attr = 0o644 << 16
+                new.writestr(entry, content)
 
 
 def _component(system: System, name: str) -> Component:

@@ -6,6 +6,7 @@ import json
 import math
 import socket
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from pythonfmu import Fmi2Slave
@@ -22,22 +23,35 @@ class RemoteError(Exception):
     """A call that failed at the other end, or an end that is gone; the message says which and what to do."""
 
 
+class Served(NamedTuple):
+    """The FMU that a proxy stands for, and where it is served."""
+
+    identifier: str
+    guid: str
+    host: str
+    port: int
+
+
 class RemoteSlave(Fmi2Slave):
-    """Base of the script of every proxy FMU, which sets what it stands for and where that is served.
+    """Base of the script of every proxy FMU, which says what it stands for.
 
     A call that fails is logged at level error. It then raises, which pythonfmu turns into fmi2Fatal, but for a step, which ends with
     fmi2Discard: the other end may be able to go back. The connection is made with the first call.
     """
 
-    identifier: str
-    served_guid: str
-    host: str
-    port: int
+    @staticmethod
+    def served() -> Served:
+        """What the proxy stands for.
+
+        A function, as pythonfmu 0.7.0's wrapper gives up the names of the script with each instance, unless a function needs them.
+        """
+        raise NotImplementedError
 
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.modelName = self.identifier
-        release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{self.identifier}.so")
+        self._served = self.served()
+        self.modelName = self._served.identifier
+        release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{self.modelName}.so")
         self._wire: Wire | None = None
 
     def to_xml(self, model_options=None) -> ElementTree.Element:
@@ -142,18 +156,19 @@ class RemoteSlave(Fmi2Slave):
             self._lost(error)
 
     def _connect(self) -> None:
-        where = f"{self.host}:{self.port}"
+        identifier, guid, host, port = self._served
         try:
-            connected = socket.create_connection((self.host, self.port), timeout=10.0)
+            connected = socket.create_connection((host, port), timeout=10.0)
         except OSError as error:
-            self._fail(f"{self.instance_name}: nothing serves {self.identifier} at {where} ({error}): start 'cdl serve' there")
+            self._fail(f"{self.instance_name}: nothing serves {identifier} at {host}:{port} ({error}): start 'cdl serve' there")
         connected.settimeout(None)  # a step takes as long as it takes
         self._wire = Wire(connected)
-        self._ask(Call.HELLO, json.dumps({"guid": self.served_guid, "instance": self.instance_name}).encode())
+        self._ask(Call.HELLO, json.dumps({"guid": guid, "instance": self.instance_name}).encode())
 
     def _lost(self, error: OSError) -> None:
+        identifier, _, host, port = self._served
         self._fail(
-            f"{self.instance_name}: lost the connection to {self.host}:{self.port}, where {self.identifier} runs ({error}): "
+            f"{self.instance_name}: lost the connection to {host}:{port}, where {identifier} runs ({error}): "
             "see why it ended and start 'cdl serve' there again"
         )
 
