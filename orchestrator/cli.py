@@ -13,6 +13,7 @@ from .assignments import values_of
 from .cli_build import build
 from .cli_identify import identify
 from .cli_particles import study, virtual
+from .cli_remote import remote, serve
 from .cli_sweep import measured_in, run_sweeps
 from .cli_validate import validate
 from .refusals import Commands, require_platform, say
@@ -25,6 +26,8 @@ _EXAMPLES = {
     "info": "cdl info cdl_bcm_w2",
     "plot": "cdl plot results/two_wheel -o drive.pdf",
     "export": "cdl export two_wheel -o rover.ssp",
+    "serve": "cdl serve rover.ssp scm --port 9000",
+    "remote": "cdl remote rover.ssp scm=127.0.0.1:9000 -o remote.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
     "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
     "virtual": "cdl virtual mss_d --out results/virtual_mss_d",
@@ -279,6 +282,8 @@ def diff(
 
 
 app.command(epilog=f"Example:  {_EXAMPLES['build']}")(build)
+app.command(epilog=f"Example:  {_EXAMPLES['serve']}")(serve)
+app.command(epilog=f"Example:  {_EXAMPLES['remote']}")(remote)
 app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
 app.command(epilog=f"Example:  {_EXAMPLES['validate']}")(validate)
 app.command(epilog=f"Example:  {_EXAMPLES['virtual']}")(virtual)
