@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import typer
@@ -12,6 +13,7 @@ from .assignments import values_of
 from .cli_build import build
 from .cli_identify import identify
 from .cli_particles import study, virtual
+from .cli_remote import remote, serve
 from .cli_sweep import measured_in, run_sweeps
 from .cli_validate import validate
 from .refusals import Commands, require_platform, say
@@ -24,6 +26,8 @@ _EXAMPLES = {
     "info": "cdl info cdl_bcm_w2",
     "plot": "cdl plot results/two_wheel -o drive.pdf",
     "export": "cdl export two_wheel -o rover.ssp",
+    "serve": "cdl serve rover.ssp scm --port 9000",
+    "remote": "cdl remote rover.ssp scm=127.0.0.1:9000 -o remote.ssp",
     "diff": "cdl diff results/two_wheel baseline.nc --rtol 1e-6",
     "identify": "cdl identify plates.csv --shear shear.csv --rho 1600 -o sand.toml",
     "virtual": "cdl virtual mss_d --out results/virtual_mss_d",
@@ -222,14 +226,17 @@ def export(
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write a result as CSV, as FMPy does.")] = False,
     mat: Annotated[bool, typer.Option("--mat", help="Write a result as MAT trajectories for Modelica tools.")] = False,
+    unpacked: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write an experiment as unpacked FMUs and a plain text table, for hosts without SSP.")
+    ] = None,
     tiers: Tiers = None,
     soil: Soil = None,
     settings: Settings = None,
     native: Native = False,
 ) -> None:
-    """Write an experiment as an SSP package for other tools, or a result as CSV or MAT."""
-    if csv and mat:
-        raise typer.BadParameter("choose one of them", param_hint="--csv, --mat")
+    """Write an experiment as an SSP package or unpacked for other tools, or a result as CSV or MAT."""
+    if csv + mat + (unpacked is not None) > 1 or (unpacked and out):
+        raise typer.BadParameter("choose one of them", param_hint="--csv, --mat, --unpacked (which names its own folder)")
     if csv or mat:
         from .export import to_csv, to_mat
         from .results import open_result
@@ -242,8 +249,17 @@ def export(
         from .experiment import load_experiment
 
         experiment = load_experiment(source, tiers=_tiers(tiers), soil=soil, overrides=values_of(settings))
-        out = _prepared(out or Path(f"{experiment.name}.ssp"))
-        experiment.write_system(out, native=native)
+        if unpacked:
+            from .unpacked import write_unpacked
+
+            out = unpacked
+            with TemporaryDirectory() as folder:
+                package = Path(folder, "system.ssp")
+                experiment.write_system(package, native=native)
+                write_unpacked(package, unpacked)
+        else:
+            out = _prepared(out or Path(f"{experiment.name}.ssp"))
+            experiment.write_system(out, native=native)
         for warning in experiment.warnings:
             say(f"warning: {warning}")
     print(out)
@@ -266,6 +282,8 @@ def diff(
 
 
 app.command(epilog=f"Example:  {_EXAMPLES['build']}")(build)
+app.command(epilog=f"Example:  {_EXAMPLES['serve']}")(serve)
+app.command(epilog=f"Example:  {_EXAMPLES['remote']}")(remote)
 app.command(epilog=f"Example:  {_EXAMPLES['identify']}")(identify)
 app.command(epilog=f"Example:  {_EXAMPLES['validate']}")(validate)
 app.command(epilog=f"Example:  {_EXAMPLES['virtual']}")(virtual)

@@ -22,6 +22,8 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2CoSimulation
 from fmpy.model_description import ModelDescription
 
+from .ssp.system import has_feedthrough
+
 _OK, _WARNING, _DISCARD = 0, 1, 2
 _PATCH = re.compile(r"patch\[\d+\]\.")  # a port of the contact interface; other FMUs may mean other things by a revision
 _STATUS = {2: "fmi2Discard", 3: "fmi2Error", 4: "fmi2Fatal"}
@@ -92,6 +94,7 @@ class Slave:
         self.name = name
         self.description = description
         self.variables = {v.name: v for v in description.modelVariables}
+        self.has_feedthrough = has_feedthrough(description)
         self.can_save = bool(description.coSimulation.canGetAndSetFMUstate)
         self.can_serialise = bool(description.coSimulation.canSerializeFMUstate)
         self._warn = warn
@@ -144,11 +147,6 @@ class Slave:
             self._raise("failed in instantiate", None)
         self._fmu.component = component
         return c_void_p(component)
-
-    @property
-    def has_feedthrough(self) -> bool:
-        """False if the FMU says that no output depends on an input at the same time."""
-        return any(o.dependencies is None or len(o.dependencies) > 0 for o in self.description.outputs)
 
     def initialise(self, start_time: float, stop_time: float | None, parameters: dict, send_inputs: bool = False) -> None:
         """Set parameters and, if asked, the bound inputs, and go through initialisation mode."""

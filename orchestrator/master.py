@@ -47,12 +47,11 @@ class Master:
         try:
             for name, component in system.components.items():
                 slaves[name] = Slave(name, component.model_description, component.directory, lambda text, n=name: warn(f"{n}: {text}"))
-            self.slaves = _in_order(slaves, system)
+            self.slaves = [slaves[name] for name in system.stepping_order()]
             self._connections = [c for c in system.connections if kind.sends(c.target_variable)]
             exchange = self._connect(slaves, explicit=kind.explicit)
-            # Those without feedthrough first: the others evaluate their first outputs from what these send.
             done: set[str] = set()
-            for slave in sorted(self.slaves, key=lambda s: s.has_feedthrough):
+            for slave in map(slaves.get, system.initialising_order()):
                 parameters = dict(system.components[slave.name].parameters)
                 if kind.explicit and "with_inverse_inertia" in slave.variables:
                     parameters["with_inverse_inertia"] = 2  # on: the guard needs it
@@ -205,18 +204,3 @@ def _runs(outputs: np.ndarray, source: np.ndarray, u: np.ndarray) -> list[tuple[
     breaks = np.flatnonzero(np.diff(source) != 1) + 1
     bounds = [0, *breaks.tolist(), len(source)] if source.size else []
     return [(outputs[source[a] : source[a] + b - a], u[a:b]) for a, b in pairwise(bounds)]
-
-
-def _in_order(slaves: dict[str, Slave], system: System) -> list[Slave]:
-    """Dependency order: a slave with feedthrough before those it feeds; where a cycle remains, the system's own order."""
-    waits_for = {name: set() for name in slaves}
-    for connection in system.connections:
-        if slaves[connection.source_component].has_feedthrough and connection.source_component != connection.target_component:
-            waits_for[connection.target_component].add(connection.source_component)
-    order: list[str] = []
-    while len(order) < len(slaves):
-        left = [name for name in slaves if name not in order]
-        ready = [name for name in left if waits_for[name] <= set(order)]
-        order.append((ready or left)[0])
-    # Slaves without feedthrough step last: the others need their outputs of t, not of t + H.
-    return [slaves[n] for n in sorted(order, key=lambda n: (not slaves[n].has_feedthrough, order.index(n)))]

@@ -134,7 +134,7 @@ def run(
                     replay(start + k * step, channels, result)
                 if particle_steps:
                     particles(start + k * step, master)
-                shown = 0.0
+                shown, checkpoint = 0.0, resume
                 began = looked = time.perf_counter()
                 try:
                     while k < n_steps and not interrupted():
@@ -153,17 +153,20 @@ def run(
                         if checkpoint_steps and k % checkpoint_steps == 0:
                             result.flush()
                             last_row = start + (k if k == n_steps else k - k % every) * step
-                            _write_checkpoint(out / f"checkpoint_{start + k * step:.3f}s.npz", master, identity, k, last_row)
+                            checkpoint = out / f"checkpoint_{start + k * step:.3f}s.npz"
+                            _write_checkpoint(checkpoint, master, identity, k, last_row)
                         now = time.perf_counter()
                         batch = min(2 * batch, _BATCH) if now - looked < 0.5 * _PATIENCE else max(batch // 2, 1)
                         looked = now
                         if now - shown > 0.1 or k == n_steps:
                             shown = now
                             progress(start + k * step, stop)
-                except SlaveError:
+                except SlaveError as error:
                     with suppress(Exception):  # the slave may not give its state any more; its failure is what counts
                         look(k)
-                    raise
+                    if checkpoint is None:
+                        raise
+                    raise SlaveError(f"{error}; once its cause is mended, go on with --resume {checkpoint}") from error
                 look(k)
                 status = "complete" if k == n_steps else "interrupted"
                 result.close(status)

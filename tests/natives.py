@@ -65,8 +65,8 @@ def slave_of(fmu: Path, folder: Path, name: str) -> Slave:
     return slave
 
 
-def built(model: KernelModel, folder: Path, **files: Path) -> dict[str, Path]:
+def built(model: KernelModel, folder: Path, files: dict[str, Path]) -> dict[str, Path]:
     """Both FMUs of a model, by FMI version, built anew."""
     paths = {version: folder / version / f"{model.identifier}.fmu" for version in ("2.0", "3.0")}
-    build_native_fmus(model, paths, files={name.replace("_1_", "[1]."): path for name, path in files.items()})
+    build_native_fmus(model, paths, files=files)
     return paths

@@ -339,6 +339,13 @@ def test_export_of_an_experiment_is_a_package(tmp_path):
     assert read_system(tmp_path / "x.ssp", tmp_path / "cache").components["bcm"].parameters["phi"] == 0.6
 
 
+def test_export_of_an_experiment_for_hosts_that_read_no_package(tmp_path):
+    assert cdl("export", "two_wheel", "--unpacked", tmp_path / "x").stdout == f"{tmp_path / 'x'}\n"
+    assert sorted(path.name for path in (tmp_path / "x").iterdir()) == ["bcm", "driver", "rover", "system.txt"]
+    assert (tmp_path / "x" / "bcm" / "modelDescription.xml").is_file()
+    assert "holds something already" in refusal("export", "two_wheel", "--unpacked", tmp_path / "x")
+
+
 def test_export_of_a_result_for_other_tools(tmp_path, folder):
     assert cdl("export", folder, "--csv").stdout == f"{folder / 'result.csv'}\n"
     assert read_csv(folder / "result.csv")["time"][-1] == pytest.approx(0.05)
@@ -346,6 +353,7 @@ def test_export_of_a_result_for_other_tools(tmp_path, folder):
     assert loadmat(tmp_path / "x.mat")["data_2"].shape[1] == 51
     assert "is a result: add --csv or --mat" in refusal("export", folder)
     assert "choose one of them" in refusal("export", folder, "--csv", "--mat")
+    assert "choose one of them" in refusal("export", folder, "--csv", "--unpacked", tmp_path / "x")
 
 
 def test_diff_names_the_first_signal_and_time_that_differ(tmp_path):

@@ -1,4 +1,4 @@
-"""The exported package and its FMUs in tools of others, as they are: FMPy, and libcosim through libcosimpy."""
+"""The exported package and its FMUs in tools of others, as they are: FMPy, libcosim, Ecos."""
 
 import json
 import subprocess
@@ -18,7 +18,10 @@ from orchestrator.results import open_result
 from orchestrator.run import run
 from orchestrator.ssp import read_system
 
-LOAD = 27.0 * 9.81  # [N] on each wheel at rest: half of the point mass and the wheel's own
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import client as in_client
+import clients
+
 HIGHER = 0.0990 + 0.005  # [m] start height of the axles, 5 mm above their height at rest
 
 
@@ -43,15 +46,20 @@ def client(tmp_path):
     """Run a package in a foreign master, in a process of its own, and return the final outputs."""
 
     def simulate(name, ssp, stop_time):
-        if name == "libcosim" and find_spec("libcosimpy") is None:
-            pytest.skip("libcosimpy is not installed; it has wheels for some platforms only: pip install libcosimpy")
+        require(name)
         out = tmp_path / "final.json"
-        command = [sys.executable, Path(__file__).with_name("clients.py"), name, ssp, str(stop_time), out]
+        command = [sys.executable, in_client.__file__, name, ssp, str(stop_time), out]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
         assert done.returncode == 0, f"{name} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
-        return json.loads(out.read_text())
+        return {signal: values[-1] for signal, values in json.loads(out.read_text())["values"].items()}
 
     return simulate
+
+
+def require(name):
+    distribution = in_client.CLIENTS[name][1]
+    if find_spec(distribution) is None:
+        pytest.skip(f"{distribution} is not installed; it has wheels for some platforms only: pip install {distribution}")
 
 
 def own(ssp, folder, stop_time, scheme):
@@ -65,18 +73,18 @@ def of_wheels(values, name):
     return np.array([values[name.format(i=i)] for i in (1, 2)])
 
 
-@pytest.mark.parametrize("name", ["fmpy", "libcosim"])
+@pytest.mark.parametrize("name", in_client.CLIENTS)
 def test_a_rover_put_down_5_mm_too_high_comes_to_the_same_rest(name, exported, client, tmp_path):
     ssp = exported(driver__wheel_rate=0.0, rover__start__z=HIGHER)
     ours, theirs = own(ssp, tmp_path, 0.4, "ij"), client(name, ssp, 0.4)
-    assert of_wheels(ours, "bcm.wheel[{i}].f_0[3]") == pytest.approx(LOAD, rel=0.01)
+    assert of_wheels(ours, "bcm.wheel[{i}].f_0[3]") == pytest.approx(clients.LOAD, rel=0.01)
     sinkage = of_wheels(ours, "bcm.diagnostics[{i}].sinkage")
     assert (sinkage > 0.02).all()
     assert of_wheels(theirs, "bcm.diagnostics[{i}].sinkage") == pytest.approx(sinkage, rel=0.01)
 
 
 @pytest.mark.parametrize("tiers", [("SCM", "BCM"), ("BCM", "SCM")], ids="-".join)
-@pytest.mark.parametrize("name", ["fmpy", "libcosim"])
+@pytest.mark.parametrize("name", in_client.CLIENTS)
 def test_deforming_soil_below_one_wheel_bears_it_at_the_same_rest_and_has_no_crater_elsewhere(name, tiers, exported, client, tmp_path):
     """FMPy sends zeros before its first step: neither must SCM press the soil at the origin then, nor BCM take that for its ground."""
     ssp = exported(*tiers, driver__wheel_rate=0.0, rover__start__z=HIGHER)
@@ -89,19 +97,24 @@ def test_deforming_soil_below_one_wheel_bears_it_at_the_same_rest_and_has_no_cra
     assert theirs["scm.patch[1].spacing"] == 0.03 and patch == {0.0}  # around the other wheel, 0.6 m away
 
 
-# libcosim exchanges as our Jacobi scheme does, from the first step on; FMPy puts zeros on all inputs of its first step, so that the
-# rover falls for 2 ms before its wheels bear. Seen: bits alike, and 0.02 % of x and 0.01 N, of 265 N that a wheel carries.
-@pytest.mark.parametrize("name, distance, force", [("fmpy", 1e-3, 0.05), ("libcosim", 1e-9, 1e-6)])
-def test_a_drive_is_the_same_as_under_our_jacobi_scheme(name, distance, force, exported, client, tmp_path):
-    ours, theirs = own(exported(), tmp_path, 0.5, "jacobi"), client(name, exported(), 0.5)
-    assert ours["rover.wheel[2].r_0[1]"] > 0.04
-    assert theirs["rover.wheel[2].r_0[1]"] == pytest.approx(ours["rover.wheel[2].r_0[1]"], rel=distance)
-    for axis in (1, 2, 3):
-        forces = f"bcm.wheel[{{i}}].f_0[{axis}]"
-        assert of_wheels(theirs, forces) == pytest.approx(of_wheels(ours, forces), abs=force)
+# libcosim and Ecos exchange as our Jacobi scheme does, from the first step on; FMPy puts zeros on all inputs of its first step, so that the
+# rover falls for 2 ms before its wheels bear: its twin among our runs begins like that.
+@pytest.mark.parametrize("tiers, stop_time", [((), 0.5), (("SCM", "BCM"), 0.1)], ids=["BCM-BCM", "SCM-BCM"])
+@pytest.mark.parametrize("name", in_client.CLIENTS)
+def test_a_drive_is_the_same_as_under_our_jacobi_scheme(name, tiers, stop_time, exported, tmp_path):
+    require(name)
+    ssp, steps = exported(*tiers), round(stop_time * 1e3)
+    system = read_system(ssp, tmp_path / "unpacked")
+    forces, positions = clients.signals_of(system)
+    ours = clients.ours(system, "jacobi", forces + positions, steps, 10, begin_with_zeros=name == "fmpy")
+    theirs = clients.theirs(name, [sys.executable], ssp, forces + positions, steps, 10)
+    assert ours.values[-1, 6] - ours.values[0, 6] > 1e-3  # it drives
+    assert ours.values[-1, [2, 5]] == pytest.approx(clients.LOAD, rel=0.1)
+    assert theirs.values.shape == ours.values.shape == (steps // 10, 12)
+    assert max(clients.deviation(theirs, ours, len(forces))) < 1e-6
 
 
-@pytest.mark.parametrize("name", ["fmpy", "libcosim"])
+@pytest.mark.parametrize("name", in_client.CLIENTS)
 def test_a_testbed_measures_what_it_does_under_our_jacobi_scheme(name, client, tmp_path):
     short = {"carriage.lowering_time": 0.2, "carriage.start_ramp": 0.1, "run.step": 1e-3, "scm.cell": 0.01, "slip_angle": 0.3}
     load_experiment("single_wheel", overrides=short).write_system(tmp_path / "x.ssp")
@@ -130,7 +143,7 @@ def test_each_fmu_of_the_package_is_valid_and_runs_alone_in_fmpy(fmus):
         assert len(rows) == 11, f"{name} stopped early"
         last[name] = {column: rows[column][-1] for column in rows.dtype.names}
     # The package's start values are the FMUs' own: wheels at rest on the ground, a rover that this bears, a driver that starts.
-    assert last["bcm"]["wheel[2].f_0[3]"] == pytest.approx(LOAD, rel=1e-6)
+    assert last["bcm"]["wheel[2].f_0[3]"] == pytest.approx(clients.LOAD, rel=1e-6)
     assert last["rover"]["wheel[1].r_0[3]"] == pytest.approx(0.0990, abs=1e-4)
     assert last["driver"]["command.wheel_rate[1]"] > 0.0
 

@@ -1,148 +1,117 @@
-"""Every model's kernels stand as object code without Python, and compute the same bits there."""
+"""Native FMUs stand alone: what their binaries need, what lies beside them, and what cannot be exported."""
 
-import ctypes
 import io
-import shutil
-import subprocess
+import re
+from zipfile import ZipFile
 
-import beds
+import fmpy
 import numpy as np
 import pytest
+from elftools.elf.dynamic import DynamicSection
 from elftools.elf.elffile import ELFFile
-from heaps import Heaps
+from elftools.elf.gnuversions import GNUVerNeedSection
+from fmpy.validation import validate_fmu
 from linear_spring import LinearSpring
-from slabs import files_of, place_of
+from natives import built
+from slabs import files_of
 
+from cdl_fmu.bcm import BCM
 from cdl_fmu.dem import DEM
-from cdl_fmu.frames import axis_rotation
+from cdl_fmu.rbc import RBC
+from cdl_fmu.scm import SCM
 from cdl_fmu.slave.kernel import kernel
-from cdl_fmu.slave.model import Instance, KernelModel
-from cdl_fmu.slave.native import LIBM, MEMORY, ExportError, object_code
+from cdl_fmu.slave.model import KernelModel, ModelError
+from cdl_fmu.slave.native.kernels import LIBM, MEMORY, ExportError
 from cdl_fmu.slave.records import Real, Record
-from fmus import SHIPPED
+from mbs.driver import Driver
 
-#: Those of particles take a minute to compile, and a tool that jumps into them is refused: they have a test of their own.
-MODELS = [*(m for m in SHIPPED if isinstance(m, KernelModel) and not isinstance(m, DEM)), LinearSpring(n_wheels=2), Heaps()]
-
-
-@pytest.fixture(scope="module", params=MODELS, ids=lambda model: model.identifier)
-def exported(request):
-    return request.param, object_code(request.param)
+#: What the generic C source calls.
+LIBC = {
+    *("calloc", "malloc", "realloc", "free", "snprintf", "vsnprintf", "sscanf", "__isoc99_sscanf", "strlen", "strcmp", "strncmp", "strstr"),
+    *("strcpy", "bcmp", "fopen", "fread", "fgetc", "fclose"),
+}
 
 
-def symbols(code: bytes) -> tuple[set[str], set[str]]:
-    """Names of the global symbols of an ELF object: defined, undefined."""
-    table = ELFFile(io.BytesIO(code)).get_section_by_name(".symtab")
-    names = [(s.name, s["st_shndx"] == "SHN_UNDEF") for s in table.iter_symbols() if s["st_info"]["bind"] != "STB_LOCAL"]
-    return {name for name, undefined in names if not undefined}, {name for name, undefined in names if undefined}
+@pytest.fixture(scope="module", params=[Driver(2), BCM(1, 1), SCM(1, 1), RBC(2, 1)], ids=lambda model: model.identifier)
+def fmus(request, tmp_path_factory):
+    """A model, and its FMUs by version."""
+    model = request.param
+    return model, built(model, tmp_path_factory.mktemp(model.identifier), files_of(model))
 
 
-def test_object_needs_only_libm_and_memory_functions(exported):
-    model, code = exported
-    defined, undefined = symbols(code)
-    assert defined == {f"{model.identifier}_initialise", f"{model.identifier}_step"}
-    assert undefined <= LIBM | MEMORY
+def binary(fmu, folder: str) -> ELFFile:
+    with ZipFile(fmu) as archive:
+        name = next(n for n in archive.namelist() if n.startswith(f"binaries/{folder}/"))
+        return ELFFile(io.BytesIO(archive.read(name)))
 
 
-def linked(code: bytes, folder) -> ctypes.CDLL:
-    compiler = shutil.which("gcc")
-    if compiler is None:
-        pytest.skip("no gcc on this machine to link the object with")
-    (folder / "kernels.o").write_bytes(code)
-    subprocess.run([compiler, "-shared", "-o", folder / "kernels.so", folder / "kernels.o", "-lm"], check=True)
-    return ctypes.CDLL(folder / "kernels.so")
+def test_binaries_need_libm_and_libc_alone_of_2012_and_show_fmi_alone(fmus):
+    model, paths = fmus
+    for version, folder in ("2.0", "linux64"), ("3.0", "x86_64-linux"):
+        elf = binary(paths[version], folder)
+        symbols = [s for s in elf.get_section_by_name(".dynsym").iter_symbols() if s.name]
+        undefined = {s.name for s in symbols if s["st_shndx"] == "SHN_UNDEF" and s["st_info"]["bind"] == "STB_GLOBAL"}
+        assert undefined <= LIBM | MEMORY | LIBC
+        assert all(re.match("fmi[23][A-Z]", s.name) for s in symbols if s["st_shndx"] != "SHN_UNDEF")
+        sections = list(elf.iter_sections())
+        needed = {tag.needed for s in sections if isinstance(s, DynamicSection) for tag in s.iter_tags("DT_NEEDED")}
+        assert needed <= {"libc.so.6", "libm.so.6"}
+        versions = [v.name for s in sections if isinstance(s, GNUVerNeedSection) for _, vs in s.iter_versions() for v in vs]
+        assert max(tuple(map(int, v.removeprefix("GLIBC_").split("."))) for v in versions) <= (2, 17)
 
 
-def test_linked_object_computes_the_bits_of_the_python_instance(exported, tmp_path):
-    model, code = exported
-    library = linked(code, tmp_path)
+def test_an_fmu_is_valid_holds_licences_and_binaries_for_windows_too_and_is_the_same_when_built_again(fmus, tmp_path):
+    model, paths = fmus
+    again = built(model, tmp_path, files_of(model))
+    for version, windows in ("2.0", "win64"), ("3.0", "x86_64-windows"):
+        assert validate_fmu(str(paths[version])) == []
+        assert paths[version].read_bytes() == again[version].read_bytes()
+        with ZipFile(paths[version]) as archive:
+            assert archive.read(f"binaries/{windows}/{model.identifier}.dll")[:2] == b"MZ"
+            licences = [n for n in archive.namelist() if n.startswith("documentation/licenses/")]
+            assert "documentation/licenses/license.txt" in licences and all(len(archive.read(n)) > 500 for n in licences)
+        assert not fmpy.read_model_description(str(paths[version])).coSimulation.needsExecutionTool
+
+
+def test_fmi_3_has_arrays_and_runs_as_fmi_2_does(tmp_path):
+    paths = built(BCM(1, 1), tmp_path, {})
+    description = fmpy.read_model_description(str(paths["3.0"]))
+    shapes = {v.name: tuple(int(d.start) for d in v.dimensions) for v in description.modelVariables}
+    assert shapes["wheel[1].T"] == (3, 3) and shapes["wheel[1].f_0"] == (3,) and shapes["patch[1].z"] == (13, 9)
+    pose = {"wheel[1].r_0": (0.0, 0.0, 0.1), "wheel[1].v_0": (0.1, 0.0, 0.0), "wheel[1].w_0": (0.0, 1.0, 0.0)}
+    patch = {"patch[1].spacing": 0.03, "patch[1].origin": (-0.18, -0.12), "patch[1].z": np.full((13, 9), -0.002)}
+    flat = {}
+    for name, value in (pose | patch).items():
+        for index, one in np.ndenumerate(value):
+            flat[name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "")] = float(one)
+    as_lists = {name: np.ravel(value).tolist() if np.ndim(value) else value for name, value in (pose | patch).items()}
+    rows3 = fmpy.simulate_fmu(str(paths["3.0"]), stop_time=0.01, step_size=1e-3, start_values=as_lists, output=["wheel[1].f_0"])
+    names = [f"wheel[1].f_0[{k}]" for k in (1, 2, 3)]
+    rows2 = fmpy.simulate_fmu(str(paths["2.0"]), stop_time=0.01, step_size=1e-3, start_values=flat, output=names)
+    assert rows2[names[2]][-1] > 100.0
+    assert rows3["wheel[1].f_0"].tolist() == [list(row) for row in zip(*(rows2[name] for name in names))]
+
+
+def test_what_an_fmu_holds_is_read_from_its_resources_and_may_not_be_changed(tmp_path):
+    model = RBC(2, 1)
     files = files_of(model)
-    python = Instance(model, **files)
-    block = python.block.copy()
-    status, exc, pointer = ctypes.c_int32(), ctypes.c_void_p(), block.ctypes.data_as(ctypes.c_void_p)
-    pool = model.make_pool(python.p, files)
+    path = built(model, tmp_path, files)["2.0"]
+    heard = []
 
-    def native(name, *times):
-        arguments = [*map(ctypes.c_double, times), pointer, *pool_arguments(pool)]
-        assert library[f"{model.identifier}_{name}"](ctypes.byref(status), ctypes.byref(exc), *arguments) == 0
-        assert status.value == 0
+    def failing(**start_values):
+        listen = dict(logger=lambda *a: heard.append(a[-1].decode()))
+        with pytest.raises(Exception):  # noqa: B017 - FMPy raises this
+            fmpy.simulate_fmu(str(path), stop_time=0.01, step_size=1e-3, start_values=start_values, **listen)
+        return heard[-1]
 
-    python.initialise()
-    native("initialise", 0.0)
-    rng, h = np.random.default_rng(1), 1e-3
-    outputs = []
-    for k in range(500):
-        python.block[python.slices["u"]] = block[python.slices["u"]] = some_inputs(model, rng)
-        python.step(k * h, h)
-        if pool is not None:
-            pool.reserve(python.u)
-        native("step", k * h, h)
-        assert block.tobytes() == python.block.tobytes()
-        outputs.append(block[python.slices["y"]].copy())
-    assert np.ptp(outputs, axis=0).any()
-    if pool is not None:
-        assert pool.to_bytes(pool.save()) == python.pool.to_bytes(python.pool.save())
-
-
-@pytest.mark.slow
-def test_particles_need_no_python_either_and_go_the_same_ways(tmp_path):
-    one = beds.dem(1, 1)
-    code = object_code(one.model)
-    assert symbols(code)[1] <= LIBM | MEMORY
-    library = linked(code, tmp_path)
-    beds.place(one.u["wheel"][0], (0.0, 0.0, beds.R_W + beds.highest_particle()))
-    one.initialise()
-    pool = one.model.make_pool(one.p, {"bed": beds.bed_file()})
-    block = one.block.copy()
-    status, exc, pointer = ctypes.c_int32(), ctypes.c_void_p(), block.ctypes.data_as(ctypes.c_void_p)
-    for k in range(40):
-        beds.place(one.u["wheel"][0], (0.0, 0.0, beds.R_W + beds.highest_particle() - 2e-4 * k))
-        block[one.slices["u"]] = one.block[one.slices["u"]]
-        one.step(1e-3 * k, 1e-3)
-        pool.reserve(one.u)
-        arguments = [ctypes.c_double(1e-3 * k), ctypes.c_double(1e-3), pointer, *pool_arguments(pool)]
-        assert library[f"{one.model.identifier}_step"](ctypes.byref(status), ctypes.byref(exc), *arguments) == 0
-        assert status.value == 0 and block.tobytes() == one.block.tobytes()
-    assert one.y["wheel"]["f_0"][0, 2] > 1.0 and pool.to_bytes(pool.save()) == one.pool.to_bytes(one.pool.save())
-
-
-def pool_arguments(pool) -> list:
-    """What a C host passes for a pool: a pointer to each array, and all their extents."""
-    if pool is None:
-        return []
-    extents = [n for a in pool.arrays for n in a.shape]
-    return [(ctypes.c_void_p * len(pool.arrays))(*(a.ctypes.data for a in pool.arrays)), (ctypes.c_int64 * len(extents))(*extents)]
-
-
-def some_inputs(model, rng) -> np.ndarray:
-    """Values near the start values; wheels a little in the ground, turned, rolling and sliding; patches under them."""
-    starts = model.inputs.starts()
-    block = starts + rng.uniform(-0.5, 0.5, starts.size)
-    u = block.view(model.inputs.dtype)[0]
-    fields = u.dtype.names
-    for wheel in u["wheel"] if "wheel" in fields and "r_0" in u["wheel"].dtype.names else ():
-        wheel["r_0"][2] = rng.uniform(0.09, 0.12)
-        if "T" in wheel.dtype.names:
-            pitch, camber, yaw = rng.uniform([-3, -0.2, -3], [3, 0.2, 3])
-            wheel["T"] = axis_rotation(2, pitch) @ axis_rotation(1, camber) @ axis_rotation(3, yaw)
-    for patch, wheel in zip(u["patch"], u["wheel"]) if "patch" in fields else ():
-        patch["spacing"] = spacing = 0.03
-        patch["origin"] = spacing * np.round(wheel["r_0"][:2] / spacing - np.array(patch["z"].shape) // 2)
-        patch["z"] = rng.uniform(-0.01, 0.01, patch["z"].shape)
-    for j, body in enumerate(u["body"] if "body" in fields else ()):
-        body["r_0"], body["T"] = np.array(place_of(j)) - (0.0, 0.0, 0.021), np.eye(3)  # as wheels lean, and no contact may be deep
-    scalars = model.inputs.scalars()
-    return block.clip([s.field.min for s in scalars], [s.field.max for s in scalars])
-
-
-def test_object_has_the_same_bytes_again():
-    model = LinearSpring(n_wheels=1)
-    assert object_code(model) == object_code(model)
-
-
-def test_object_for_windows():
-    machine = object_code(LinearSpring(n_wheels=1), triple="x86_64-pc-windows-gnu")[:2]
-    assert int.from_bytes(machine, "little") == 0x8664  # COFF: IMAGE_FILE_MACHINE_AMD64
+    assert "parameter r_w = 0.2 m: what this FMU holds was made for 0.125; build it with the other value" in failing(r_w=0.2)
+    assert "body[1].mesh = 'other.stl': this FMU holds what it needs of" in failing(**{"body[1].mesh": "other.stl"})
+    unpacked = fmpy.extract(str(path), str(tmp_path / "unpacked"))
+    (tmp_path / "unpacked" / "resources" / "constants.bin").unlink()
+    path = unpacked
+    assert "constants.bin is missing, in which the FMU keeps its terrain and meshes: unpack the FMU again" in failing()
+    (tmp_path / "unpacked" / "resources" / "constants.bin").write_bytes(b"anything")
+    assert "constants.bin is damaged or of another FMU: unpack the FMU again" in failing()
 
 
 class Allocates(KernelModel):
@@ -164,13 +133,20 @@ class Allocates(KernelModel):
         return 0
 
 
-def test_kernel_that_allocates_is_refused_with_the_rule():
+def test_kernel_that_allocates_is_refused_with_the_rule(tmp_path):
     with pytest.raises(ExportError, match=r"allocates: the kernels do not compile; use loops and scalars .*CONTRIBUTING.md"):
-        object_code(Allocates())
+        built(Allocates(), tmp_path, {})
 
 
-def test_class_that_cannot_be_imported_is_refused():
-    model = Allocates()
-    model.__class__ = type("Scripted", (Allocates,), {"__module__": "__main__"})
+def test_class_that_cannot_be_imported_is_refused(tmp_path):
+    model = LinearSpring(1)
+    model.__class__ = type("Scripted", (LinearSpring,), {"__module__": "__main__"})
     with pytest.raises(ExportError, match="Scripted is defined in a script: move it to a module that can be imported"):
-        object_code(model)
+        built(model, tmp_path, {})
+
+
+def test_particles_and_parameters_that_do_not_fit_are_refused_before_anything_is_compiled(tmp_path):
+    with pytest.raises(ExportError, match=r"cdl_dem_w1 cannot be a native FMU: between steps Python puts .* 'cdl build cdl_dem_w1'"):
+        built(DEM(1), tmp_path, {})
+    with pytest.raises(ModelError, match=r"body\[1\].mesh = '.*missing.stl': no such file"):
+        built(RBC(2, 1), tmp_path, {"body[1].mesh": tmp_path / "missing.stl"})

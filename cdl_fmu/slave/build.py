@@ -6,7 +6,7 @@ import hashlib
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -85,14 +85,19 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
         contents=dict(sorted(contents.items())),
         sizes=", ".join(f"{name}={size!r}" for name, size in model.sizes.items()),
     )
+    return pack(model.identifier, script, path, files.values())
+
+
+def pack(identifier: str, script: str, path: Path, files: Iterable[Path] = ()) -> Path:
+    """Write an FMU whose slave is this script, with files in its resources, to ``path``."""
     with tempfile.TemporaryDirectory(prefix="cdl-build-") as folder:
         # All FMUs of a process share one table of modules: a name of its own for each content.
-        module = f"{model.identifier}_{hashlib.sha256(script.encode()).hexdigest()[:12]}"
+        module = f"{identifier}_{hashlib.sha256(script.encode()).hexdigest()[:12]}"
         script_file = Path(folder, f"{module}.py")
         script_file.write_text(script, encoding="utf-8", newline="\n")
         known_path = list(sys.path)
         try:
-            packed = FmuBuilder.build_FMU(script_file, dest=folder, project_files=files.values())
+            packed = FmuBuilder.build_FMU(script_file, dest=folder, project_files=files)
         finally:
             # The builder imports the script by name; an FMU of the same name must not find that module later.
             sys.path[:] = known_path
@@ -100,7 +105,7 @@ def build_fmu(model: Model, path: Path, starts: Mapping[str, float | str] = _NON
         with zipfile.ZipFile(packed) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
         if loader := _loader():  # it takes the place of pythonfmu's Linux wrapper, which moves beside it
-            binary = f"binaries/linux64/{model.identifier}.so"
+            binary = f"binaries/linux64/{identifier}.so"
             members[f"binaries/linux64/{WRAPPER}"], members[binary] = members[binary], loader
         write_archive(path, members)
     return path

@@ -64,7 +64,7 @@ class RecordSlave(Fmi2Slave):
                 f"{DISTRIBUTION} {installed_version()} is installed with another declaration of it; "
                 f"build it again with 'cdl build', or install {DISTRIBUTION} {self.built_version}"
             )
-        _release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{model.identifier}.so")
+        release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{model.identifier}.so")
         self.instance = Instance(model, self.instance_name, Path(self.resources) if self.resources else None)
         self.instance.set_starts(self.starts)
         self._block = self.instance.block
@@ -190,7 +190,7 @@ class RecordSlave(Fmi2Slave):
 
 
 @cache
-def _release_at_exit(wrapper: Path) -> None:
+def release_at_exit(wrapper: Path) -> None:
     """Have pythonfmu's Linux wrapper release its interpreter state while that still exists.
 
     Left alone, pythonfmu 0.7.0 releases it when the process ends, and then once more where it was: the heap is corrupted, and one run

@@ -46,6 +46,30 @@ class System:
     stop_time: float | None = None
     step_size: float | None = None
 
+    def stepping_order(self) -> list[str]:
+        """Dependency order: a component with feedthrough before those it feeds; where a cycle remains, the system's own order."""
+        direct = {name: has_feedthrough(component.model_description) for name, component in self.components.items()}
+        waits_for = {name: set() for name in self.components}
+        for connection in self.connections:
+            if direct[connection.source_component] and connection.source_component != connection.target_component:
+                waits_for[connection.target_component].add(connection.source_component)
+        order: list[str] = []
+        while len(order) < len(self.components):
+            left = [name for name in self.components if name not in order]
+            ready = [name for name in left if waits_for[name] <= set(order)]
+            order.append((ready or left)[0])
+        # Those without feedthrough step last: the others need their outputs of t, not of t + H.
+        return sorted(order, key=lambda name: not direct[name])
+
+    def initialising_order(self) -> list[str]:
+        """Components without feedthrough first: the others evaluate their first outputs from what these send."""
+        return sorted(self.stepping_order(), key=lambda name: has_feedthrough(self.components[name].model_description))
+
+
+def has_feedthrough(description: ModelDescription) -> bool:
+    """False if the FMU says that no output depends on an input at the same time."""
+    return any(o.dependencies is None or len(o.dependencies) > 0 for o in description.outputs)
+
 
 def load_component(name: str, fmu_path: Path, cache_dir: Path) -> Component:
     """Unpack an FMU and read its description. Raises SspError if it is no valid FMI 2.0 co-simulation FMU."""

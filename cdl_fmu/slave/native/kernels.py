@@ -15,10 +15,12 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib import import_module
-from pathlib import Path
+
+import llvmlite.binding as llvm
 
 from ..model import KernelModel, Piece, Rule
 
@@ -37,8 +39,12 @@ _COUNTS = re.compile(r"(define [^\n]*@NRT_(?:incref|decref)\([^\n]*\{\n).*?\n\}"
 
 _RULE = "use loops and scalars in place of what allocates, raises or prints (CONTRIBUTING.md, kernel rules)"
 
-# numba reads these when it is imported, hence the process of its own. Without them the code is vectorised for the build host.
-_ENVIRONMENT = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
+#: Levels of the processor architecture that all code is there for, each as LLVM names it: any, and one with vectors of four doubles.
+_LEVELS = ("x86-64", "x86-64-v3")
+
+# numba reads these when it is imported, hence a process of its own. Without them the code is vectorised for the build host alone.
+_ENVIRONMENT = {"NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
+_CPU = "NUMBA_CPU_NAME"
 
 
 class ExportError(Exception):
@@ -61,14 +67,20 @@ def object_code(model: KernelModel, triples: Sequence[str]) -> list[bytes]:
     cls = type(model)
     if cls.__module__ == "__main__":
         raise ExportError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to export it")
-    environment = os.environ | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder, f"{i}.o") for i, _ in enumerate(triples)]
-        order = json.dumps([cls.__module__, cls.__qualname__, model.sizes, [*triples], [*map(str, paths)]])
-        done = subprocess.run([sys.executable, "-m", __name__], input=order, env=environment, capture_output=True, text=True)
-        if done.returncode:
-            raise ExportError(f"{model.identifier}: {done.stderr.strip()}")
-        return [path.read_bytes() for path in paths]
+    order = json.dumps([cls.__module__, cls.__qualname__, model.sizes])
+    with ThreadPoolExecutor() as pool:
+        levels = list(pool.map(partial(_compiled_for, model.identifier, order), _LEVELS))
+    theirs = frozenset(model.library.functions if model.library else ())
+    return [_emit(levels, triple, theirs) for triple in triples]
+
+
+def _compiled_for(identifier: str, order: str, level: str) -> dict[str, tuple[str, str]]:
+    """The entries compiled for a level of the architecture: IR and symbol, by the name that each gets in the object."""
+    environment = os.environ | _ENVIRONMENT | {_CPU: level, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-m", __name__], input=order, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        raise ExportError(f"{identifier}: {done.stderr.strip()}")
+    return json.loads(done.stdout)
 
 
 def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
@@ -181,30 +193,39 @@ def _functions(rules: Sequence[Rule]) -> dict[str, object]:
     return {name: register_jitable(function) for name, function in functions.items()}
 
 
-def target_machine(triple: str):
+def target_machine(triple: str) -> llvm.TargetMachine:
     """LLVM's code generator for any processor of this architecture."""
-    import llvmlite.binding as llvm
-
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    cpu = "x86-64" if triple.startswith("x86_64") else "generic"
-    return llvm.Target.from_triple(triple).create_target_machine(cpu=cpu, opt=3, reloc="pic", codemodel="small")
+    return llvm.Target.from_triple(triple).create_target_machine(cpu=_LEVELS[0], opt=3, reloc="pic", codemodel="small")
 
 
-def _emit(entries: dict[str, tuple[str, str]], triple: str, theirs: frozenset[str]) -> bytes:
-    """Object file of the entries and what they call, and nothing else; ``theirs`` are the functions of the model's library."""
-    import llvmlite.binding as llvm
+def _emit(levels: Sequence[dict[str, tuple[str, str]]], triple: str, theirs: frozenset[str]) -> bytes:
+    """Object file of the entries at each level, what they call, and what chooses among them, and nothing else.
 
+    ``theirs`` are the functions of the model's library.
+    """
     machine = target_machine(triple)
     module = llvm.parse_assembly("")
-    for name, (ir, symbol) in entries.items():
-        part = llvm.parse_assembly(_COUNTS.sub(r"\1  ret void\n}", ir))
-        for value in (*part.functions, *part.global_variables):
-            if not value.is_declaration:
-                value.linkage = "internal"
-        entry = part.get_function(symbol)
-        entry.linkage, entry.name, entry.visibility = "external", name, "hidden"
-        module.link_in(part)
+    choices = []
+    for name in levels[0]:
+        kinds = []
+        for level, entries in zip(_LEVELS, levels):
+            ir, symbol = entries[name]
+            ir = _COUNTS.sub(r"\1  ret void\n}", ir)
+            part = llvm.parse_assembly(re.sub(r"^(define .*) \{$", rf'\1 "target-cpu"="{level}" {{', ir, flags=re.MULTILINE))
+            for value in (*part.functions, *part.global_variables):
+                if not value.is_declaration:
+                    value.linkage = "internal"
+            entry = part.get_function(symbol)
+            entry.linkage, entry.name = "external", f"{name}.{level}"
+            kinds = [str(argument.type) for argument in entry.arguments]
+            module.link_in(part)
+        choices.append(_choice(name, kinds))
+    module.link_in(llvm.parse_assembly("\n".join(["@cpu_has_vectors = external hidden global i32", *choices])))
+    for function in module.functions:
+        if not function.is_declaration and function.name not in levels[0]:
+            function.linkage = "internal"
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
@@ -213,19 +234,37 @@ def _emit(entries: dict[str, tuple[str, str]], triple: str, theirs: frozenset[st
     if foreign:
         raise ExportError(f"the kernels call {', '.join(sorted(foreign))}; {_RULE}")
     # numba numbers what it compiles, so local names depend on what else was compiled or cached: not in a reproducible object.
-    for i, value in enumerate(v for v in (*module.functions, *module.global_variables) if not v.is_declaration and v.name not in entries):
+    local = (v for v in (*module.functions, *module.global_variables) if not v.is_declaration and v.name not in levels[0])
+    for i, value in enumerate(local):
         value.name = f"local{i}"
     module.triple, module.data_layout, module.name = triple, str(machine.target_data), "kernels"
     return machine.emit_object(module)
 
 
+def _choice(name: str, kinds: Sequence[str]) -> str:
+    """IR of an entry that goes on to the one that the processor can run, as ``cpu_has_vectors`` of ``c/instance.c`` says."""
+    arguments = ", ".join(f"{kind} %a{i}" for i, kind in enumerate(kinds))
+    any_level, with_vectors = (f'@"{name}.{level}"' for level in _LEVELS)
+    return f"""
+declare i32 {any_level}({", ".join(kinds)})
+declare i32 {with_vectors}({", ".join(kinds)})
+define hidden i32 @{name}({arguments}) {{
+  %level = load i32, ptr @cpu_has_vectors
+  %old = icmp eq i32 %level, 0
+  br i1 %old, label %any, label %vectors
+any:
+  %r = tail call i32 {any_level}({arguments})
+  ret i32 %r
+vectors:
+  %s = tail call i32 {with_vectors}({arguments})
+  ret i32 %s
+}}"""
+
+
 def _main() -> None:
-    module, name, sizes, triples, paths = json.load(sys.stdin)
-    model = getattr(import_module(module), name)(**sizes)
+    module, name, sizes = json.load(sys.stdin)
     try:
-        entries = _entries(model)
-        for triple, path in zip(triples, paths):
-            Path(path).write_bytes(_emit(entries, triple, frozenset(model.library.functions if model.library else ())))
+        json.dump(_entries(getattr(import_module(module), name)(**sizes)), sys.stdout)
     except ExportError as error:
         sys.exit(str(error))
 

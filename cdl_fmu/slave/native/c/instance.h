@@ -1,4 +1,4 @@
-/* An instance of the model, the same for FMI 2 and FMI 3: fmi2.c and fmi3.c translate, instance.c and memory.c do the work. */
+/* An instance of the model, the same for FMI 2 and FMI 3: fmi2.c and fmi3.c translate, instance.c, memory.c and state.c do the work. */
 
 #ifndef INSTANCE_H
 #define INSTANCE_H
@@ -46,7 +46,7 @@ int set_value(struct instance *, uint32_t reference, int is_choice, double value
 int ready_to_get(struct instance *);
 int set_file(struct instance *, size_t i, const char *value);
 
-/* memory.c: what kernels get beside the block, and the whole state. */
+/* memory.c: what kernels get beside the block. */
 struct memory *memory_new(const struct instance *); /* for the parameters as they are; NULL: it said why not */
 void memory_free(struct memory *);
 void **memory_arrays(const struct memory *);
