@@ -78,6 +78,17 @@ def test_a_drive_in_the_c_host_is_the_one_under_our_jacobi_scheme(tiers, host, p
     assert theirs[:, 0] == pytest.approx(ours.time.values, abs=1e-12)
 
 
+def test_a_system_of_native_fmus_runs_there_with_no_python_anywhere(host, package, tmp_path):
+    native, out = tmp_path / "native.ssp", tmp_path / "theirs.csv"
+    load_experiment("two_wheel", tiers=("BCM", "BCM"), overrides={"run.stop_time": 0.3}).write_system(native, native=True)
+    write_unpacked(native, tmp_path / "unpacked")
+    done = subprocess.run([host, tmp_path / "unpacked", out], env={}, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    ours = open_result(run(read_system(package("BCM", "BCM"), tmp_path / "cache"), tmp_path / "own", scheme="jacobi").result)
+    # Seen: the same bits in all channels.
+    np.testing.assert_allclose(np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:], ours.series.values, rtol=1e-10, atol=1e-10)
+
+
 def test_the_c_host_ends_with_what_went_wrong_and_where(host, package, tmp_path):
     folder, table = tmp_path / "unpacked", tmp_path / "unpacked" / TABLE
     out = tmp_path / "out.csv"

@@ -195,7 +195,7 @@ def test_inertia_of_a_rock_is_one_that_a_body_can_have(values, is_body):
 
 
 def test_fmus_hold_the_library_and_its_licences_and_are_for_linux_alone(tmp_path):
-    for version, path in built(Rover(2), tmp_path).items():
+    for version, path in built(Rover(2), tmp_path, {}).items():
         with ZipFile(path) as archive:
             names = archive.namelist()
             library = archive.read(next(name for name in names if "libmujoco" in name))
