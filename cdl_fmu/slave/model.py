@@ -15,6 +15,7 @@ import numpy as np
 
 from .kernel import MOST_THREADS, array_entry, compiled, kernel
 from .library import Library
+from .pieces import Piece, piece
 from .pool import Pool
 from .records import Array, Choice, Record, Scalar
 from .state import State
@@ -126,32 +127,6 @@ class Model:
 _PARTS = {"p": "parameters", "u": "inputs", "x": "state", "y": "outputs"}
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A part of a model's block that its kernels take.
-
-    Attributes:
-        name: Its name as an argument, in capitals if the kernels take the record itself.
-        start: Where it begins in the block [floats].
-        dtype: Of a record.
-        shape: Number of records, and of those that each has in ``inner``.
-        inner: Array of records in each record that is taken in place of the record; "" for the record, and where there are none.
-    """
-
-    name: str
-    start: int
-    dtype: np.dtype
-    shape: tuple[int, ...]
-    inner: str = ""
-
-    def view(self, block: np.ndarray) -> np.ndarray:
-        """The records in the block as an array."""
-        if 0 in self.shape:
-            return np.zeros(self.shape, self.dtype)
-        records = block[self.start : self.start + self.shape[0] * self.dtype.itemsize // block.itemsize].view(self.dtype)
-        return records[self.inner] if self.inner else records
-
-
 class KernelModel(Model):
     """A model whose functions are kernels ``initialise_kernel(t, p, x, y)`` and ``step_kernel(t, h, p, u, x, y) -> status``.
 
@@ -191,20 +166,7 @@ class KernelModel(Model):
             starts[part], start = start, start + len(getattr(self, _PARTS[part]))
         if self.arguments is None:
             return [Piece(part.upper(), starts[part], getattr(self, _PARTS[part]).dtype, (1,)) for part in _PARTS]
-        return [self._piece(argument, starts) for argument in self.arguments]
-
-    def _piece(self, argument: str, starts: Mapping[str, int]) -> Piece:
-        part, field, inner = (*argument.split("."), "", "")[:3]
-        name, record = argument.replace(".", "_"), getattr(self, _PARTS[part])
-        if not field:
-            return Piece(name, starts[part], record.head.dtype, (1,))
-        array = record.fields[field]
-        start = starts[part] + (record.dtype.fields[field][1] // record.starts().itemsize if array.n else 0)
-        if not inner:
-            return Piece(name, start, array.record.dtype, (array.n,))
-        each = array.record.fields[inner]
-        shape = array.n, each.n
-        return Piece(name, start, each.record.dtype, shape) if 0 in shape else Piece(name, start, array.record.dtype, shape, inner)
+        return [piece(argument, getattr(self, _PARTS[argument[0]]), starts[argument[0]]) for argument in self.arguments]
 
     def at_start(self, pieces: Mapping[str, object]) -> list:
         """Of what is given for each piece, by its name, that which ``initialise_kernel`` takes."""

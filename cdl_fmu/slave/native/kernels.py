@@ -22,7 +22,8 @@ from importlib import import_module
 
 import llvmlite.binding as llvm
 
-from ..model import KernelModel, Piece, Rule
+from ..model import KernelModel, Rule
+from ..pieces import Piece
 
 #: Functions of libm that the object may leave undefined; LLVM joins a sin and a cos of one angle to glibc's sincos.
 LIBM = frozenset(
