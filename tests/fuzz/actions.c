@@ -131,7 +131,14 @@ static int step(struct thread *t, struct instance *m, double at, double h) {
     m->steps++;
     m->t = at + h;
     demand(t, get(t, m, t->outputs), "outputs were not given after a step");
-    for (size_t i = 0; i < t->table->n_outputs; i++) demand(t, isfinite(t->outputs[i]), "an output is not finite after a step");
+    const double *output = t->outputs;
+    for (const struct variable *v = t->table->variables; v < t->table->variables + t->table->n; v++)
+        for (size_t k = 0; v->type == REAL && v->causality == OUTPUT && k < v->length; k++, output++)
+            if (!isfinite(*output)) {
+                char what[512];
+                snprintf(what, sizeof what, "after a step that went well, element %zu of output %s is %g", k, v->name, *output);
+                found(t, what);
+            }
     return 1;
 }
 
