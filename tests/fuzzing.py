@@ -80,8 +80,19 @@ def unpack(fmu: Path, folder: Path) -> Path:
     description = fmpy.read_model_description(str(fmu), validate=False)
     fmpy.extract(str(fmu), str(folder))
     (folder / "fuzz.txt").write_text(_table(description))
+    for file in (folder / "resources").glob("*"):
+        for i, content in enumerate(_damaged(file.read_bytes())):
+            (folder / "damaged" / str(i)).mkdir(parents=True, exist_ok=True)
+            (folder / "damaged" / str(i) / file.name).write_bytes(content)
     version, identifier = description.fmiVersion[0], description.coSimulation.modelIdentifier
     return folder / "binaries" / _BINARIES[version] / f"{identifier}.so"
+
+
+def _damaged(content: bytes) -> list[bytes]:
+    """Empty, cut off, a byte too short and too long, and changed here and there."""
+    changed = bytearray(content)
+    changed[100::97] = b"\xff" * len(changed[100::97])  # behind the GUID with which it begins
+    return [b"", content[: len(content) // 2], content[:-1], content + b"x", bytes(changed)]
 
 
 def _table(description: ModelDescription) -> str:
