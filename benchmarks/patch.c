@@ -41,7 +41,7 @@ static void measure2(void *library, const char *guid, const fmi2ValueReference *
     ((fmi2FreeInstanceTYPE *)needed(library, "fmi2FreeInstance"))(c);
 }
 
-static void measure3(void *library, const char *token, const fmi3ValueReference *references, size_t n, fmi3Float64 *values, size_t n_values) {
+static void measure3(void *library, const char *token, const fmi3ValueReference *references, size_t n, double *values, size_t n_values) {
     fmi3SetFloat64TYPE *set = (fmi3SetFloat64TYPE *)needed(library, "fmi3SetFloat64");
     fmi3GetFloat64TYPE *get = (fmi3GetFloat64TYPE *)needed(library, "fmi3GetFloat64");
     fmi3InstantiateCoSimulationTYPE *make = (fmi3InstantiateCoSimulationTYPE *)needed(library, "fmi3InstantiateCoSimulation");

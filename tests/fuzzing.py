@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from unittest import mock
 
 import fmpy
+import trimesh
 from fmpy.model_description import ModelDescription, ModelVariable
 
 from cdl_fmu.slave.model import KernelModel
@@ -58,8 +59,11 @@ def compile_host(folder: Path) -> Path:
 def sanitised_fmus(model: KernelModel, folder: Path) -> list[Path]:
     """The model's native FMUs of both versions of FMI, their C code compiled with the sanitizers; for Linux alone."""
     paths = {version: folder / f"{model.identifier}_fmi{version[0]}.fmu" for version in ("2.0", "3.0")}
+    box = trimesh.creation.box((0.6, 0.6, 0.2), trimesh.transformations.translation_matrix((0.0, 0.0, -0.1)))
+    box.export(folder / "box.stl")
+    files = {name: folder / "box.stl" for name in model.files if name.startswith(("ground", "body["))}  # no step goes without
     with mock.patch.object(build, "compile_shared", _compile_sanitised):
-        build.build_native_fmus(model, paths)
+        build.build_native_fmus(model, paths, files=files)
     return list(paths.values())
 
 
@@ -76,8 +80,19 @@ def unpack(fmu: Path, folder: Path) -> Path:
     description = fmpy.read_model_description(str(fmu), validate=False)
     fmpy.extract(str(fmu), str(folder))
     (folder / "fuzz.txt").write_text(_table(description))
+    for file in (folder / "resources").glob("*"):
+        for i, content in enumerate(_damaged(file.read_bytes())):
+            (folder / "damaged" / str(i)).mkdir(parents=True, exist_ok=True)
+            (folder / "damaged" / str(i) / file.name).write_bytes(content)
     version, identifier = description.fmiVersion[0], description.coSimulation.modelIdentifier
     return folder / "binaries" / _BINARIES[version] / f"{identifier}.so"
+
+
+def _damaged(content: bytes) -> list[bytes]:
+    """Empty, cut off, a byte too short and too long, and changed here and there."""
+    changed = bytearray(content)
+    changed[100::97] = b"\xff" * len(changed[100::97])  # behind the GUID with which it begins
+    return [b"", content[: len(content) // 2], content[:-1], content + b"x", bytes(changed)]
 
 
 def _table(description: ModelDescription) -> str:
@@ -111,13 +126,14 @@ def fuzz(host: Path, library: Path, folder: Path, *, seconds: float, seed: int =
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("fmus", nargs="*", metavar="FMU")
-    parser.add_argument("--seconds", type=float, default=600.0, help="for each FMU (default: %(default)g)")
+    parser.add_argument("--seconds", type=float, default=600.0, help="for all together (default: %(default)g)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--threads", type=int, default=2)
     arguments = parser.parse_args()
     if reason := why_not():
         sys.exit(reason)
     names = arguments.fmus or [model.identifier for model in SHIPPED if isinstance(model, KernelModel) and not model.needs_python]
+    share = arguments.seconds / sum(1 if name.endswith(".fmu") else 2 for name in names)
     failed = 0
     with TemporaryDirectory() as folder:
         host = compile_host(Path(folder))
@@ -125,7 +141,7 @@ def main() -> int:
             for fmu in [Path(name)] if name.endswith(".fmu") else sanitised_fmus(model_of(name), Path(folder)):
                 place = Path(folder, fmu.stem)
                 library = unpack(fmu, place)
-                done = fuzz(host, library, place, seconds=arguments.seconds, seed=arguments.seed, threads=arguments.threads)
+                done = fuzz(host, library, place, seconds=share, seed=arguments.seed, threads=arguments.threads)
                 print(f"{fmu.name}: {(done.stdout + done.stderr).strip()}", flush=True)
                 failed += done.returncode != 0
     return min(failed, 1)

@@ -49,15 +49,19 @@ static void make(struct thread *t, struct instance *m) {
 static void make_wrong(struct thread *t) {
     static const char *const tokens[] = {NULL, "", "{00000000-0000-0000-0000-000000000000}", "%s%n%s", "\xff\xfe\x01"};
     static const char *const places[] = {NULL, "", "nonsense", "file:///none", "http://x/%zz%", "%", "file://", "file:%2", "\xff\xfe"};
-    static char long_text[10000];
+    char long_text[10000], damaged[5000];
     memset(long_text, 'x', sizeof long_text - 1);
+    long_text[sizeof long_text - 1] = 0;
+    /* Files that tests/fuzzing.py made of those in the FMU's resources: cut off, too long, or changed. */
+    snprintf(damaged, sizeof damaged, "%s/../damaged/%zu", t->resources, below(&t->random, 5));
     const char *token = t->table->token, *resources = t->resources, *name = "fuzzed";
     int way = USUAL, wrong = 0;
-    switch (below(&t->random, 5)) {
+    switch (below(&t->random, 6)) {
     case 0: token = chance(t, 6) ? long_text : tokens[below(&t->random, sizeof tokens / sizeof *tokens)], wrong = 1; break;
     case 1: resources = chance(t, 6) ? long_text : places[below(&t->random, sizeof places / sizeof *places)]; break;
-    case 2: name = chance(t, 2) ? NULL : chance(t, 2) ? "" : long_text; break;
-    case 3: way = WITHOUT_LOGGER; break;
+    case 2: resources = damaged; break;
+    case 3: name = chance(t, 2) ? NULL : chance(t, 2) ? "" : long_text; break;
+    case 4: way = WITHOUT_LOGGER; break;
     default: way = MODEL_EXCHANGE, wrong = 1;
     }
     struct instance made = {.phase = INSTANTIATED, .id = ++t->n_instances}, *m = &made;
@@ -131,7 +135,14 @@ static int step(struct thread *t, struct instance *m, double at, double h) {
     m->steps++;
     m->t = at + h;
     demand(t, get(t, m, t->outputs), "outputs were not given after a step");
-    for (size_t i = 0; i < t->table->n_outputs; i++) demand(t, isfinite(t->outputs[i]), "an output is not finite after a step");
+    const double *output = t->outputs;
+    for (const struct variable *v = t->table->variables; v < t->table->variables + t->table->n; v++)
+        for (size_t k = 0; v->type == REAL && v->causality == OUTPUT && k < v->length; k++, output++)
+            if (!isfinite(*output)) {
+                char what[512];
+                snprintf(what, sizeof what, "after a step that went well, element %zu of output %s is %g", k, v->name, *output);
+                found(t, what);
+            }
     return 1;
 }
 

@@ -74,6 +74,13 @@ static void at_signal(int number) {
 #pragma weak __sanitizer_set_death_callback
 void __sanitizer_set_death_callback(void (*)(void));
 
+/* What FMI 3.0 has in place of a URI. */
+static char *resources_path(const char *folder) {
+    static const char inside[] = "/resources/";
+    char *whole = absolute(folder);
+    return whole ? strcat(realloc(whole, strlen(whole) + sizeof inside), inside) : NULL;
+}
+
 static void *run(void *argument) {
     struct thread *t = self = argument;
     while (now() < t->end) act(t);
@@ -114,8 +121,7 @@ int main(int argc, char **argv) {
     table = read_table(argv[2]);
     const char *missing = table.version == 3 ? bind_fmi3(&fmu, library) : bind_fmi2(&fmu, library);
     if (missing) return fprintf(stderr, "%s has no function %s\n", argv[1], missing), 1;
-    /* FMI 3.0 has a path in place of a URI. */
-    resources = table.version == 3 ? absolute(argv[2]) : resources_uri(argv[2]);
+    resources = table.version == 3 ? resources_path(argv[2]) : resources_uri(argv[2]);
 
     if (__sanitizer_set_death_callback)
         __sanitizer_set_death_callback(at_death);
@@ -132,6 +138,7 @@ int main(int argc, char **argv) {
         pthread_join(threads[i].thread, NULL);
         calls += threads[i].n_calls, refused += threads[i].n_refused, steps += threads[i].n_steps;
     }
+    if (!steps) return fprintf(stderr, "no step was done in %lu calls; the FMU said last: %s\n", calls, threads->last_text), 1;
     printf("nothing found in %lu calls, %lu of them refused, and %lu steps", calls, refused, steps);
     printf(" (seed %llu, threads %d)\n", seed, n_threads);
     return 0;

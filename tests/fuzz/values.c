@@ -59,9 +59,10 @@ double sane(const struct variable *v, size_t element, unsigned step, struct rand
     const double start = v->starts[element], angle = 0.004 * step, c = cos(angle), s = sin(angle);
     const size_t i = place(v, element) % 9;
     double value = start + (v->causality == PARAMETER ? 0.05 * start : 0.01) * uniform(r, -1.0, 1.0);
-    /* The names are those of the contact interface: a wheel or a body that rolls along x, more or less deep in the ground. */
+    /* The names are those of the contact interface: a wheel that rolls along x, more or less deep in the ground or a body below it. */
+    const double z = strstr(v->name, "body[") || strstr(v->name, "rock[") ? 0.0 : 0.12 + 0.02 * sin(0.05 * step);
     if (strstr(v->name, ".T")) value = (double[]){c, 0.0, -s, 0.0, 1.0, 0.0, s, 0.0, c}[i];
-    if (strstr(v->name, ".r_0")) value = i == 0 ? 5e-4 * step : i == 2 ? 0.12 + 0.02 * sin(0.05 * step) + uniform(r, -1e-3, 1e-3) : 0.0;
+    if (strstr(v->name, ".r_0")) value = i == 0 ? 5e-4 * step : i == 2 ? z + uniform(r, -1e-3, 1e-3) : 0.0;
     if (strstr(v->name, ".v_0")) value = i == 0 ? 0.5 : uniform(r, -0.1, 0.1);
     if (strstr(v->name, ".w_0")) value = i == 1 ? 4.0 : 0.0;
     return fmin(fmax(value, v->min), v->max);
