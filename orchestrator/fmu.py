@@ -19,7 +19,7 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2CoSimulation
 from fmpy.model_description import ModelDescription
 
-_OK, _WARNING, _DISCARD = 0, 1, 2
+_OK, _WARNING, _DISCARD, _FATAL = 0, 1, 2, 4
 _PATCH = re.compile(r"patch\[\d+\]\.")  # a port of the contact interface; other FMUs may mean other things by a revision
 _STATUS = {2: "fmi2Discard", 3: "fmi2Error", 4: "fmi2Fatal"}
 # FMI base type -> (FMI function suffix, NumPy type of its buffer)
@@ -191,8 +191,8 @@ class Slave:
             if copy:
                 values, index, buffer = copy
                 buffer[:] = values[index]
-            if call() > _WARNING or self._errors:
-                self._raise("refused its inputs", t)
+            if (status := call()) > _WARNING or self._errors:
+                self._raise("refused its inputs", t, status=status)
 
     def get(self, t: float) -> None:
         """Fetch the bound outputs."""
@@ -204,8 +204,8 @@ class Slave:
 
     def _fetch(self, groups: list[tuple], t: float) -> None:
         for call, copy in groups:
-            if call() > _WARNING:
-                self._raise("did not give its outputs", t)
+            if (status := call()) > _WARNING:
+                self._raise("did not give its outputs", t, status=status)
             if copy:
                 values, index, buffer = copy
                 values[index] = buffer
@@ -214,11 +214,11 @@ class Slave:
         """Advance from t by h [s]."""
         status = self._do_step(self._component, t, h, 1)
         if status > _WARNING:
-            self._raise(f"did not do the step ({_STATUS.get(status, status)})", t)
+            self._raise(f"did not do the step ({_STATUS.get(status, status)})", t, status=status)
 
     def save(self):
         """Handle to a copy of the whole state; give it back to ``restore`` or ``free``."""
-        return self._fmu.getFMUstate()
+        return self._call("getFMUstate", self._fmu.getFMUstate)
 
     def restore(self, state) -> None:
         """Go back to a saved state."""
@@ -264,7 +264,8 @@ class Slave:
             self._alive = False  # FMI forbids any further call after an error here
             self._raise(f"failed in {what}", None, error)
 
-    def _raise(self, what: str, t: float | None, cause: Exception | None = None):
+    def _raise(self, what: str, t: float | None, cause: Exception | None = None, status: int = _OK):
+        self._alive = self._alive and status != _FATAL  # after which FMI forbids any further call, and pythonfmu's wrapper crashes
         said = "; ".join(dict.fromkeys(self._errors)) or (str(cause) if cause else "it gave no message")
         self._errors.clear()
         when = "" if t is None else f" at t = {t:.6g} s"

@@ -53,6 +53,7 @@ class RemoteSlave(Fmi2Slave):
         self.modelName = self._served.identifier
         release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{self.modelName}.so")
         self._wire: Wire | None = None
+        self._gone = False  # True once the connection is lost
 
     def to_xml(self, model_options=None) -> ElementTree.Element:
         root = ElementTree.parse(Path(self.resources, DESCRIPTION)).getroot()
@@ -111,7 +112,7 @@ class RemoteSlave(Fmi2Slave):
         return True
 
     def terminate(self) -> None:
-        if self._wire is not None:
+        if self._wire is not None and not self._gone:  # after an exception the wrapper crashes when it frees the instance
             self._ask(Call.TERMINATE)
             self._wire.close()
 
@@ -166,6 +167,7 @@ class RemoteSlave(Fmi2Slave):
         self._ask(Call.HELLO, json.dumps({"guid": guid, "instance": self.instance_name}).encode())
 
     def _lost(self, error: OSError) -> None:
+        self._gone = True
         identifier, _, host, port = self._served
         self._fail(
             f"{self.instance_name}: lost the connection to {host}:{port}, where {identifier} runs ({error}): "
