@@ -28,7 +28,7 @@ from orchestrator.ssp import System, read_system
 CHECKOUT = Path(__file__).resolve().parents[1]
 CLIENT = CHECKOUT / "benchmarks" / "client.py"
 #: Client -> what its environment needs from PyPI.
-PACKAGES = {"libcosim": ["libcosimpy"], "ecos": ["ecospy", "tbb"], "fmpy": ["fmpy"]}
+PACKAGES = {"libcosim": ["libcosimpy"], "ecos": ["ecospy", "tbb"], "c_host": [], "fmpy": ["fmpy"]}
 LOAD = 27.0 * 9.81  # [N] on each wheel at rest: half of the point mass and the wheel's own
 LENGTH = 1.0  # [m]
 STEP = 1e-3  # [s] communication step
@@ -83,7 +83,8 @@ def environment(client: str, folder: Path, with_us: bool) -> list[str | Path]:
     if not (place / "complete").exists():
         print(f"making {place}", file=sys.stderr)
         subprocess.run([sys.executable, "-m", "venv", "--clear", place], check=True)
-        subprocess.run([python, "-m", "pip", "install", "-q", *PACKAGES[client], *([CHECKOUT] if with_us else [])], check=True)
+        if needed := [*PACKAGES[client], *([CHECKOUT] if with_us else [])]:
+            subprocess.run([python, "-m", "pip", "install", "-q", *needed], check=True)
         (place / "complete").touch()
     return [python, "-I"]
 
@@ -91,6 +92,10 @@ def environment(client: str, folder: Path, with_us: bool) -> list[str | Path]:
 def theirs(client: str, python: list, ssp: Path, signals: list[str], steps: int, every: int) -> Recording:
     """The client's run of a package in a process of its own, started by ``python``; raises RuntimeError with what it said if it fails."""
     with tempfile.TemporaryDirectory() as folder:
+        if client == "c_host":
+            from c_host import run_c_host  # the others need no C compiler
+
+            return Recording(*run_c_host(ssp, Path(folder), signals, steps, every, str(Path(python[0]).parent)), "")
         out = Path(folder, "recorded.json")
         command = [*python, CLIENT, client, ssp, str(steps * STEP), out, "--every", str(every * STEP), *signals]
         done = subprocess.run(command, capture_output=True, text=True, cwd=folder)

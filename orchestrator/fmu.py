@@ -24,7 +24,7 @@ from fmpy.model_description import ModelDescription
 
 from .ssp.system import has_feedthrough
 
-_OK, _WARNING, _DISCARD = 0, 1, 2
+_OK, _WARNING, _DISCARD, _FATAL = 0, 1, 2, 4
 _PATCH = re.compile(r"patch\[\d+\]\.")  # a port of the contact interface; other FMUs may mean other things by a revision
 _STATUS = {2: "fmi2Discard", 3: "fmi2Error", 4: "fmi2Fatal"}
 # FMI base type -> (FMI function suffix, NumPy type of its buffer)
@@ -253,19 +253,19 @@ class Slave:
 
     def refused(self, t: float, status: int) -> NoReturn:
         """Raise SlaveError: it did not take its inputs at t [s]."""
-        self._raise("refused its inputs", t)
+        self._raise("refused its inputs", t, status=status)
 
     def did_not_give(self, t: float, status: int) -> NoReturn:
         """Raise SlaveError: it did not give its outputs at t [s]."""
-        self._raise("did not give its outputs", t)
+        self._raise("did not give its outputs", t, status=status)
 
     def did_not_step(self, t: float, status: int) -> NoReturn:
         """Raise SlaveError: its step from t [s] ended with this status."""
-        self._raise(f"did not do the step ({_STATUS.get(status, status)})", t)
+        self._raise(f"did not do the step ({_STATUS.get(status, status)})", t, status=status)
 
     def save(self):
         """Handle to a copy of the whole state; give it back to ``restore`` or ``free``."""
-        return self._fmu.getFMUstate()
+        return self._call("getFMUstate", self._fmu.getFMUstate)
 
     def restore(self, state) -> None:
         """Go back to a saved state."""
@@ -319,7 +319,8 @@ class Slave:
             self._alive = False  # FMI forbids any further call after an error here
             self._raise(f"failed in {what}", None, error)
 
-    def _raise(self, what: str, t: float | None, cause: Exception | None = None):
+    def _raise(self, what: str, t: float | None, cause: Exception | None = None, status: int = _OK):
+        self._alive = self._alive and status != _FATAL  # after which FMI forbids any further call, and pythonfmu's wrapper crashes
         said = "; ".join(dict.fromkeys(self._errors)) or (str(cause) if cause else "it gave no message")
         self._errors.clear()
         self.trouble[0] = 0

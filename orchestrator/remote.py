@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, suppress
 from pathlib import Path
+from uuid import UUID
 from xml.etree import ElementTree
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
@@ -80,7 +81,7 @@ class _Served(Slave):
         self._warned.clear()
         return warned
 
-    def _raise(self, what: str, t: float | None, cause: Exception | None = None):
+    def _raise(self, what: str, t: float | None, cause: Exception | None = None, status: int = 0):
         said = "; ".join(dict.fromkeys(self._errors)) or f"{self.name} {what}: {cause or 'it gave no message'}"
         self._errors.clear()
         raise _Refused(said) from cause
@@ -204,7 +205,8 @@ def _write_proxy(component: Component, host: str, port: int, path: Path) -> Path
     identifier = description.coSimulation.modelIdentifier
     script = _SCRIPT.format(identifier=identifier, guid=description.guid, host=host, port=port)
     root = ElementTree.parse(component.directory / "modelDescription.xml").getroot()
-    root.set("guid", hashlib.sha256(script.encode()).hexdigest()[:32])
+    # In the form of the others' GUIDs, as a state begins with one.
+    root.set("guid", f"{{{UUID(hashlib.sha256(script.encode()).hexdigest()[:32])}}}")
     kind = root.find("CoSimulation")
     # A state comes here in bytes, or not at all.
     kind.set("canGetAndSetFMUstate", kind.get("canSerializeFMUstate", "false"))

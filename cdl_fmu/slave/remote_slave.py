@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import socket
+import time
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -17,6 +18,7 @@ from .wire import Call, Kind, Wire, pack_references, pack_values, unpack_values
 
 #: File in the proxy's resources: the description of the FMU that it stands for, with a GUID of its own.
 DESCRIPTION = "remote.xml"
+_PATIENCE = 3.0  # [s] that the other end may take to be ready again after the last master
 
 
 class RemoteError(Exception):
@@ -53,6 +55,7 @@ class RemoteSlave(Fmi2Slave):
         self.modelName = self._served.identifier
         release_at_exit(Path(self.resources or ".").parent / "binaries" / "linux64" / f"{self.modelName}.so")
         self._wire: Wire | None = None
+        self._gone = False  # True once the connection is lost
 
     def to_xml(self, model_options=None) -> ElementTree.Element:
         root = ElementTree.parse(Path(self.resources, DESCRIPTION)).getroot()
@@ -111,7 +114,7 @@ class RemoteSlave(Fmi2Slave):
         return True
 
     def terminate(self) -> None:
-        if self._wire is not None:
+        if self._wire is not None and not self._gone:  # after an exception the wrapper crashes when it frees the instance
             self._ask(Call.TERMINATE)
             self._wire.close()
 
@@ -157,15 +160,20 @@ class RemoteSlave(Fmi2Slave):
 
     def _connect(self) -> None:
         identifier, guid, host, port = self._served
-        try:
-            connected = socket.create_connection((host, port), timeout=10.0)
-        except OSError as error:
-            self._fail(f"{self.instance_name}: nothing serves {identifier} at {host}:{port} ({error}): start 'cdl serve' there")
+        connected, until = None, time.monotonic() + _PATIENCE
+        while connected is None:
+            try:
+                connected = socket.create_connection((host, port), timeout=10.0)
+            except OSError as error:
+                if time.monotonic() > until:
+                    self._fail(f"{self.instance_name}: nothing serves {identifier} at {host}:{port} ({error}): start 'cdl serve' there")
+                time.sleep(0.1)
         connected.settimeout(None)  # a step takes as long as it takes
         self._wire = Wire(connected)
         self._ask(Call.HELLO, json.dumps({"guid": guid, "instance": self.instance_name}).encode())
 
     def _lost(self, error: OSError) -> None:
+        self._gone = True
         identifier, _, host, port = self._served
         self._fail(
             f"{self.instance_name}: lost the connection to {host}:{port}, where {identifier} runs ({error}): "
