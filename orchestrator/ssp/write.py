@@ -24,8 +24,10 @@ _NAMESPACES = {
     "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
+    "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
 _URI_SAFE = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")  # libcosim takes a URI for a path as it is
+_TOLERANCES = {"absoluteTolerance": "0.0001", "relativeTolerance": "0.0001"}  # OMSimulator's own; its fixed step heeds none
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a ZIP entry can have
 
 
@@ -70,7 +72,7 @@ def write_system(
         connected[component].add(variable)
 
     files = {f"resources/{fmu.resource}": fmu.content for fmu in fmus.values()}
-    root = _root("ssd:SystemStructureDescription", "ssd", "ssc", "osp", name=name)
+    root = _root("ssd:SystemStructureDescription", "ssd", "ssc", "osp", "oms", name=name)
     system = SubElement(root, "ssd:System", name=name)
     elements = SubElement(system, "ssd:Elements")
     units: dict[str, Unit] = {}
@@ -86,6 +88,10 @@ def write_system(
             files[source] = _parameter_set(component, fmus, values)
     if connections:
         _connections(SubElement(system, "ssd:Connections"), connections, fmus)
+    # OMSimulator takes a system without its own annotation for none that it could run.
+    annotation = SubElement(SubElement(system, "ssd:Annotations"), "ssc:Annotation", type="org.openmodelica")
+    information = SubElement(SubElement(annotation, "oms:Annotations"), "oms:SimulationInformation")
+    SubElement(information, "oms:FixedStepMaster", description="oms-ma", stepSize=repr(float(step_size)), **_TOLERANCES)
     _units(root, "ssd:Units", units)
     experiment = SubElement(root, "ssd:DefaultExperiment", startTime=repr(float(start_time)))
     if stop_time is not None:
