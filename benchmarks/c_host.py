@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 from pathlib import Path
@@ -27,7 +28,8 @@ def run_c_host(ssp: Path, folder: Path, signals: list[str], steps: int, every: i
     table = (unpacked / TABLE).read_text()
     step = float(re.search(r"^step (\S+)$", table, re.M)[1])
     (unpacked / TABLE).write_text(re.sub(r"^stop .*$", f"stop {steps * step!r}", table, flags=re.M))
-    done = subprocess.run([program, unpacked, out, "--times"], env={"PATH": path}, capture_output=True, text=True)
+    cache = {name: os.environ[name] for name in ("HOME", "XDG_CACHE_HOME") if name in os.environ}  # of kernels, for FMUs in Python
+    done = subprocess.run([program, unpacked, out, "--times"], env={"PATH": path, **cache}, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"c_host ended with {done.returncode}: {(done.stderr or done.stdout).strip()}")
     with out.open() as csv:
