@@ -42,7 +42,7 @@ static double now(void) {
 #endif
 
 /* URI of an FMU's resources, with all letters escaped that a URI may not hold; the caller frees it. NULL: no such folder. */
-static char *resources_uri(const char *folder) {
+static inline char *resources_uri(const char *folder) {
     char *whole = absolute(folder);
     char *uri = whole ? calloc(3 * strlen(whole) + 32, 1) : NULL;
     if (uri) {
