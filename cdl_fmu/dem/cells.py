@@ -61,6 +61,9 @@ def sort_particles(grains, horizon):
         reach = max(reach, r)
         largest = max(largest, speed)
         x_0, x_1, y_0, y_1, z_0, z_1 = min(x_0, x), max(x_1, x), min(y_0, y), max(y_1, y), min(z_0, z), max(z_1, z)
+    if n == 0:  # all are at rest and stored: one empty cell
+        x_0 = x_1 = y_0 = y_1 = z_0 = z_1 = 0.0
+        reach = 1.0
     if period_x > 0.0:
         x_0, x_1 = 0.0, period_x
     if period_y > 0.0:

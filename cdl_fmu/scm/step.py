@@ -296,10 +296,12 @@ def sweeps_due(p, x, h):
     """Number of sweeps of landslides in this step."""
     x.sweep_time += h
     due = 0
-    while x.sweep_time >= p.erosion_interval * (1.0 - 1e-9):
+    while due < p.erosion_sweeps and x.sweep_time >= p.erosion_interval * (1.0 - 1e-9):
         x.sweep_time -= p.erosion_interval
         due += 1
-    return min(due, int(p.erosion_sweeps))
+    if x.sweep_time >= p.erosion_interval:  # more are due than a step makes, after a long one without end
+        x.sweep_time %= p.erosion_interval
+    return due
 
 
 @kernel

@@ -56,6 +56,9 @@ class Rule:
     applies: Callable[[np.recarray], bool] | None = None
 
 
+#: Largest time [s] that is taken for one: beyond, a step of a millisecond leads nowhere.
+LATEST = 1e9
+
 #: A step returns ``status + STATUS_SPAN * index``: the number of an event, and the index from 0 of what it is about.
 STATUS_SPAN = 256
 
@@ -264,6 +267,7 @@ class Instance:
 
     def initialise(self, t: float = 0.0) -> None:
         """Check the parameters and set state and outputs at time t [s], the outputs for the inputs as they are now."""
+        self._check_time(t)
         self.check()
         self._make_pool()
         self._functions[0](t)
@@ -335,6 +339,7 @@ class Instance:
         """Advance from t by h [s] with the inputs in ``u``; raises ModelError, in which case the state is as before."""
         if not 0.0 <= h < math.inf:
             raise ModelError(f"{self.name}: step length h = {h:g} s at t = {t:.6g} s: it must be finite and not negative")
+        self._check_time(t)
         self._check("u", "input", t)
         if self.pool is not None:
             self.pool.reserve(self.u)
@@ -356,6 +361,10 @@ class Instance:
             self.pool.restore(saved.pool)
         elif self.pool is not None:  # saved before the instance was initialised
             self.pool = self._functions = None
+
+    def _check_time(self, t: float) -> None:
+        if not abs(t) <= LATEST:
+            raise ModelError(f"{self.name}: t = {t:g} s: it must be within {LATEST:g} s of 0")
 
     def _check(self, part: str, kind: str, t: float | None = None) -> None:
         i = self._first_outside[part]()

@@ -16,10 +16,12 @@ from pathlib import Path
 from types import MappingProxyType
 from xml.etree.ElementTree import Element, tostring
 
+import numpy as np
+
 from ..archive import checked_files, digest, write_archive
 from ..compiler import Platform, compile_shared
 from ..description import DISTRIBUTION, installed_version, model_description, model_guid
-from ..kernel import cache_folder, sources_hash
+from ..kernel import cache_folder, kernel, sources_hash
 from ..library import Library
 from ..model import Instance, KernelModel
 from ..records import Record
@@ -103,13 +105,27 @@ def build_native_fmus(
                 libraries=["m"],
             )
         arrays = content_of(pool)
-        content = guid.encode() + b"".join(a.tobytes() for a in arrays) if arrays else b""
+        data = b"".join(a.tobytes() for a in arrays)
+        content = guid.encode() + _sum(data) + data if arrays else b""
         for version, path in paths.items():
             if version == "2.0":
                 description = model_description(model, guid, {**starts, **{name: text for name, text in names.items() if text}})
             else:
                 description = model_description3(model, guid, given, names)
             _write(path, version, description, binaries, content, library)
+
+
+def _sum(data: bytes) -> bytes:
+    """FNV-1a of bytes, as ``c/memory.c`` works it out."""
+    return int(_fnv1a(np.frombuffer(data, np.uint8))).to_bytes(8, "little")
+
+
+@kernel
+def _fnv1a(data):
+    total = np.uint64(0xCBF29CE484222325)
+    for byte in data:
+        total = (total ^ np.uint64(byte)) * np.uint64(0x100000001B3)
+    return total
 
 
 @cache

@@ -13,6 +13,8 @@
 
 enum { STATUS_SPAN = 256, LONGEST = 2048 }; /* model.py: status + STATUS_SPAN * index */
 
+static const double LATEST = 1e9; /* model.py: [s] */
+
 static const struct table *const model = &model_table;
 
 /* Whether the processor has what LLVM calls x86-64-v3; kernels choose by it among twins of the same bits. */
@@ -168,6 +170,15 @@ static int report(struct instance *m, int32_t status, double t)
     return event->is_error ? ERROR : WARNING;
 }
 
+static int check_time(const struct instance *m, double t)
+{
+    if (fabs(t) <= LATEST)
+        return OK;
+    char is[64];
+    write_number(is, sizeof is, "%g", t);
+    return refuse(m, "t = %s s: it must be within %g s of 0", is, LATEST);
+}
+
 static int check_inputs(const struct instance *m, double t)
 {
     return check_bounds(m, model->n_p, model->n_p + model->n_u, "input", t);
@@ -206,7 +217,7 @@ static int show_start(struct instance *m)
 
 static int initialise(struct instance *m)
 {
-    if (check_parameters(m))
+    if (check_time(m, m->time) || check_parameters(m))
         return ERROR;
     memory_free(m->memory);
     m->memory = memory_new(m);
@@ -299,13 +310,17 @@ int instance_step(struct instance *m, double t, double h)
         write_number(is, sizeof is, "%g", h);
         return refuse(m, "step length h = %s s at t = %.6g s: it must be finite and not negative", is, t);
     }
-    if (check_inputs(m, t) || memory_reserve(m))
+    if (check_time(m, t) || check_inputs(m, t) || memory_reserve(m))
         return ERROR;
     int32_t status = 0;
     void *raised = NULL;
     if (model_step(&status, &raised, t, h, m->block, memory_arrays(m->memory), memory_extents(m->memory)))
         return refuse(m, "its step failed (t = %.6g s)", t);
     int result = status ? report(m, status, t) : OK;
+    const int64_t first = model->n_p + model->n_u + model->n_x;
+    for (int64_t i = first; i < first + model->n_y && result != ERROR; i++)
+        if (!isfinite(m->block[i]))
+            result = refuse(m, "the output with the reference %d is not finite after the step at t = %.6g s", (int)i, t);
     if (result != ERROR)
         m->time = t + h;
     return result;

@@ -45,13 +45,22 @@ static size_t bytes_of(const struct array *array, const int64_t *extents)
     return bytes;
 }
 
-/* Read the constants: the FMU's GUID, by which they belong to it, and then all of them in order. */
+uint64_t sum_of(uint64_t sum, const void *data, size_t n)
+{
+    const unsigned char *bytes = data;
+    for (size_t i = 0; i < n; i++)
+        sum = (sum ^ bytes[i]) * 0x100000001b3;
+    return sum;
+}
+
+/* Read the constants: the FMU's GUID, by which they belong to it, their sum, and then all of them in order. */
 static int read_content(const struct instance *m, struct memory *memory)
 {
     FILE *file = NULL;
     char path[4096], guid[64] = "";
     size_t length = strlen(model->guid);
     int done = 0;
+    uint64_t wanted = 0, sum = NO_SUM;
     const int64_t *extents = memory->extents;
     for (int64_t i = 0; i < model->n_arrays; extents += model->arrays[i++].n_extents) {
         if (model->arrays[i].kind != CONTENT)
@@ -62,14 +71,16 @@ static int read_content(const struct instance *m, struct memory *memory)
             if (!file)
                 return refuse(m, "%s is missing, in which the FMU keeps its terrain and meshes: unpack the FMU again, and give the location "
                                  "of its resources at instantiation", path);
-            done = length < sizeof guid && fread(guid, 1, length, file) == length && !memcmp(guid, model->guid, length);
+            done = length < sizeof guid && fread(guid, 1, length, file) == length && !memcmp(guid, model->guid, length)
+                   && fread(&wanted, sizeof wanted, 1, file) == 1;
         }
         size_t bytes = bytes_of(model->arrays + i, extents);
         done = done && fread(memory->arrays[i], 1, bytes, file) == bytes;
+        sum = sum_of(sum, memory->arrays[i], bytes);
     }
     if (!file)
         return OK;
-    done = done && fgetc(file) == EOF;
+    done = done && fgetc(file) == EOF && sum == wanted;
     fclose(file);
     return done ? OK : refuse(m, "%s is damaged or of another FMU: unpack the FMU again", path);
 }

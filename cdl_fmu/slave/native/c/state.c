@@ -178,14 +178,6 @@ int state_restore(struct instance *m, const struct saved *saved)
 
 enum { LONGEST = 512 };
 
-static uint64_t sum_of(const unsigned char *bytes, size_t n)
-{
-    uint64_t sum = 0xcbf29ce484222325; /* FNV-1a */
-    for (size_t i = 0; i < n; i++)
-        sum = (sum ^ bytes[i]) * 0x100000001b3;
-    return sum;
-}
-
 /* Extents of one row, and of its marks. */
 static int64_t n_shape(void)
 {
@@ -222,6 +214,14 @@ static void write_header(char *header, const struct saved *saved, uint64_t sum)
     memset(header + n, ' ', (size_t)(LONGEST - n));
 }
 
+/* Of the header, with 0 in place of the sum, and of what follows it. */
+static uint64_t sum_of_state(const struct saved *saved, const unsigned char *body, size_t n)
+{
+    char header[LONGEST + 1];
+    write_header(header, saved, 0);
+    return sum_of(sum_of(NO_SUM, header, LONGEST), body, n);
+}
+
 static unsigned char *put(unsigned char *at, const void *from, size_t n)
 {
     memcpy(at, from, n);
@@ -249,7 +249,7 @@ void state_write(const struct saved *saved, unsigned char *bytes)
             at = put(at, saved->rows[r]->bytes, row);
     }
     char text[LONGEST + 1];
-    write_header(text, saved, sum_of(body, (size_t)(at - body)));
+    write_header(text, saved, sum_of_state(saved, body, (size_t)(at - body)));
     memcpy(header, text, LONGEST);
 }
 
@@ -298,9 +298,11 @@ struct saved *state_read(struct instance *m, const unsigned char *bytes, size_t 
     uint64_t sum = 0, time = 0;
     int phase = 0, is_fresh = 0, has_memory = 0, sound = bytes && n >= start + block_bytes() && !memcmp(bytes, model->guid, guid);
     if (sound) {
+        int64_t length;
+        memcpy(&length, bytes + guid, sizeof length);
         memcpy(text, bytes + start - LONGEST, LONGEST);
         const char *native = strstr(text, "\"native\"");
-        sound = native
+        sound = native && length == LONGEST
                 && sscanf(native, "\"native\": {\"phase\": %d, \"is_fresh\": %d, \"has_memory\": %d, \"time\": \"%" SCNx64 "\", \"sum\": \"%" SCNx64,
                           &phase, &is_fresh, &has_memory, &time, &sum)
                        == 5
@@ -313,7 +315,7 @@ struct saved *state_read(struct instance *m, const unsigned char *bytes, size_t 
         saved->has_memory = has_memory;
         memcpy(saved->block, bytes + start, block_bytes());
         write_header(again, saved, sum);
-        sound = !memcmp(text, again, LONGEST) && sum == sum_of(bytes + start, n - start);
+        sound = !memcmp(text, again, LONGEST) && sum == sum_of_state(saved, bytes + start, n - start);
     }
     size_t left = sound ? n - start - block_bytes() : 0;
     if (sound)
