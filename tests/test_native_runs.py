@@ -15,7 +15,16 @@ from orchestrator.fmu import SlaveError
 H = 1e-3
 
 
-@pytest.fixture(params=[*MODELS, LinearSpring(n_wheels=2), Heaps()], ids=lambda model: model.identifier)
+#: Whose kernels others share but for sizes: with -m slow alone, as each takes a quarter of a minute to compile. The rover has its own tests.
+OTHER_SIZES = {"cdl_scm_w1", "cdl_scm_w2", "cdl_scm_w1p1", "cdl_bcm_w2", "cdl_bcm_w1p1", "cdl_bcm_w2p2", "cdl_vem_w2", "cdl_rover_w2"}
+
+
+def cases():
+    for model in (*MODELS, LinearSpring(n_wheels=2), Heaps()):
+        yield pytest.param(model, id=model.identifier, marks=[pytest.mark.slow] if model.identifier in OTHER_SIZES else [])
+
+
+@pytest.fixture(params=cases())
 def twins(request, tmp_path):
     pair = Twins(request.param, tmp_path)
     yield pair

@@ -156,18 +156,22 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], s
     VALUES(ALWAYS)
     if (ready_to_get(m))
         return fmi2Error;
-    for (size_t i = 0; i < n; i++)
-        if (get_value(m, references[i], 0, values + i))
+    for (size_t i = 0, k; i < n; i += k) {
+        k = run_of(references + i, n - i);
+        if (get_values(m, references[i], k, 0, values + i))
             return fmi2Error;
+    }
     return fmi2OK;
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Real values[])
 {
     VALUES(LIVING)
-    for (size_t i = 0; i < n; i++)
-        if (set_value(m, references[i], 0, values[i]))
+    for (size_t i = 0, k; i < n; i += k) {
+        k = run_of(references + i, n - i);
+        if (set_values(m, references[i], k, 0, values + i))
             return fmi2Error;
+    }
     return fmi2OK;
 }
 
@@ -177,7 +181,7 @@ fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference references[]
     VALUES(ALWAYS)
     for (size_t i = 0; i < n; i++) {
         double value;
-        if (get_value(m, references[i], 1, &value))
+        if (get_values(m, references[i], 1, 1, &value))
             return fmi2Error;
         values[i] = (fmi2Integer)value;
     }
@@ -187,9 +191,11 @@ fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference references[]
 fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Integer values[])
 {
     VALUES(LIVING)
-    for (size_t i = 0; i < n; i++)
-        if (set_value(m, references[i], 1, values[i]))
+    for (size_t i = 0; i < n; i++) {
+        double value = values[i];
+        if (set_values(m, references[i], 1, 1, &value))
             return fmi2Error;
+    }
     return fmi2OK;
 }
 

@@ -148,9 +148,9 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[],
         size_t length = length_of(m, references[i], left);
         if (!length)
             return fmi3Error;
-        for (size_t k = 0; k < length; k++)
-            if (get_value(m, references[i] + (uint32_t)k, 0, values++))
-                return fmi3Error;
+        if (get_values(m, references[i], length, 0, values))
+            return fmi3Error;
+        values += length;
         left -= length;
     }
     return all_used(m, left);
@@ -164,9 +164,9 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[],
         size_t length = length_of(m, references[i], left);
         if (!length)
             return fmi3Error;
-        for (size_t k = 0; k < length; k++)
-            if (set_value(m, references[i] + (uint32_t)k, 0, *values++))
-                return fmi3Error;
+        if (set_values(m, references[i], length, 0, values))
+            return fmi3Error;
+        values += length;
         left -= length;
     }
     return all_used(m, left);
@@ -180,7 +180,7 @@ fmi3Status fmi3GetInt64(fmi3Instance c, const fmi3ValueReference references[], s
         return (fmi3Status)refuse(m, "%s got %zu references and %zu values: enumerations are scalars", __func__, n, n_values);
     for (size_t i = 0; i < n; i++) {
         double value;
-        if (get_value(m, references[i], 1, &value))
+        if (get_values(m, references[i], 1, 1, &value))
             return fmi3Error;
         values[i] = (fmi3Int64)value;
     }
@@ -192,9 +192,11 @@ fmi3Status fmi3SetInt64(fmi3Instance c, const fmi3ValueReference references[], s
     VALUES(LIVING)
     if (n != n_values)
         return (fmi3Status)refuse(m, "%s got %zu references and %zu values: enumerations are scalars", __func__, n, n_values);
-    for (size_t i = 0; i < n; i++)
-        if (set_value(m, references[i], 1, (double)values[i]))
+    for (size_t i = 0; i < n; i++) {
+        double value = (double)values[i];
+        if (set_values(m, references[i], 1, 1, &value))
             return fmi3Error;
+    }
     return fmi3OK;
 }
 

@@ -338,25 +338,43 @@ int ready_to_get(struct instance *m)
     return m->phase == INITIALISING && !m->is_fresh ? initialise(m) : OK;
 }
 
-int get_value(struct instance *m, uint32_t reference, int is_choice, double *value)
+size_t run_of(const uint32_t *references, size_t n)
 {
-    int64_t i = reference, inputs_end = model->n_p + model->n_u, outputs = inputs_end + model->n_x;
-    if (i >= outputs + model->n_y || (i >= inputs_end && i < outputs) || (i < inputs_end && model->variables[i].options ? 1 : 0) != is_choice)
-        return refuse(m, "it has no %s variable with the reference %u", kind_of(is_choice), (unsigned)reference);
-    *value = m->block[i];
+    size_t k = 1;
+    while (k < n && references[k] == references[0] + k)
+        k++;
+    return k;
+}
+
+/* Whether all of these are variables of one type. */
+static int are_of(int64_t first, int64_t n, int is_choice)
+{
+    for (int64_t i = first; i < first + n; i++)
+        if ((i < model->n_p && model->variables[i].options ? 1 : 0) != is_choice)
+            return 0;
+    return 1;
+}
+
+int get_values(struct instance *m, uint32_t first, size_t n, int is_choice, double *values)
+{
+    int64_t inputs_end = model->n_p + model->n_u, outputs = inputs_end + model->n_x, end = (int64_t)first + (int64_t)n;
+    if (end > outputs + model->n_y || (end > inputs_end && first < outputs) || !are_of(first, (int64_t)n, is_choice))
+        return refuse(m, "it has no %s variables with the references %u to %lld", kind_of(is_choice), (unsigned)first, (long long)end - 1);
+    memcpy(values, m->block + first, n * sizeof *values);
     return OK;
 }
 
-int set_value(struct instance *m, uint32_t reference, int is_choice, double value)
+int set_values(struct instance *m, uint32_t first, size_t n, int is_choice, const double *values)
 {
-    int64_t i = reference;
-    if (i >= model->n_p + model->n_u || (model->variables[i].options ? 1 : 0) != is_choice)
-        return refuse(m, "it has no %s parameter or input with the reference %u", kind_of(is_choice), (unsigned)reference);
-    if (m->phase == STEPPING && i < model->n_p)
-        return refuse(m, "parameter %s is fixed: set it before initialisation ends, not during the run", model->variables[i].name);
+    int64_t end = (int64_t)first + (int64_t)n;
+    if (end > model->n_p + model->n_u || !are_of(first, (int64_t)n, is_choice))
+        return refuse(m, "it has no %s parameters or inputs with the references %u to %lld", kind_of(is_choice), (unsigned)first,
+                      (long long)end - 1);
+    if (m->phase == STEPPING && first < model->n_p)
+        return refuse(m, "parameter %s is fixed: set it before initialisation ends, not during the run", model->variables[first].name);
     if (m->phase != STEPPING)
         m->is_fresh = 0;
-    m->block[i] = value;
+    memcpy(m->block + first, values, n * sizeof *values);
     return OK;
 }
 

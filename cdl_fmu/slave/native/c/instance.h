@@ -40,9 +40,11 @@ int allowed(const struct instance *, const char *function, int phases);
 int instance_enter(struct instance *, double start);
 int instance_exit(struct instance *);
 int instance_step(struct instance *, double t, double h);
-/* is_choice: the type under which the caller knows the variable. */
-int get_value(struct instance *, uint32_t reference, int is_choice, double *value);
-int set_value(struct instance *, uint32_t reference, int is_choice, double value);
+/* Consecutive values; is_choice: the type under which the caller knows the variables. */
+int get_values(struct instance *, uint32_t first, size_t n, int is_choice, double *values);
+int set_values(struct instance *, uint32_t first, size_t n, int is_choice, const double *values);
+/* How many of n references, the first included, are consecutive. */
+size_t run_of(const uint32_t *references, size_t n);
 int ready_to_get(struct instance *);
 int set_file(struct instance *, size_t i, const char *value);
 
