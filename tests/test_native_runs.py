@@ -15,7 +15,7 @@ from orchestrator.fmu import SlaveError
 H = 1e-3
 
 
-#: Whose kernels others share but for sizes: with -m slow alone, as each takes a quarter of a minute to compile. The rover has its own tests.
+#: Whose kernels others share but for sizes: slow tests, as each takes a quarter of a minute to compile. The rover has its own.
 OTHER_SIZES = {"cdl_scm_w1", "cdl_scm_w2", "cdl_scm_w1p1", "cdl_bcm_w2", "cdl_bcm_w1p1", "cdl_bcm_w2p2", "cdl_vem_w2", "cdl_rover_w2"}
 
 
