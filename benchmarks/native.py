@@ -2,8 +2,8 @@
 
     python benchmarks/native.py
 
-One core; ``--build`` measures the build instead, on all cores. Systems: the shipped drive on three pairs of tiers, default scheme, every step
-written; rates are medians (best) of five runs of 18 s. Calls: microseconds of the host in C, whose exchange is Jacobi's.
+One core; ``--build`` measures the build instead, on all cores. Systems: the shipped drive on three pairs of tiers, default scheme, every
+step written; rates are medians (best) of five runs of 18 s. Calls: microseconds of the host in C, whose exchange is Jacobi's.
 """
 
 from __future__ import annotations

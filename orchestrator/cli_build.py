@@ -64,6 +64,10 @@ def build(
             instance.set_parameter(name, value)
         return (_native if native else _with_python)(model, folder, instance.changed_starts(), packed)
 
+    if native:
+        from cdl_fmu.slave.native.build import compile_kernels
+
+        compile_kernels(models)
     rows = table("FMU", "model", "inputs", "outputs", "parameters", right=("inputs", "outputs", "parameters"))
     for model, path in zip(models, _at_once(one, models) if native else map(one, models)):
         first_line = (type(model).__doc__ or "").split("\n")[0]

@@ -172,6 +172,7 @@ class SCM(KernelModel):
     arguments = ARGUMENTS
     initialise_kernel = staticmethod(initialise)
     resize_kernel = staticmethod(resize)
+    gains_from_vectors = True
 
     def __init__(self, n_wheels: int = 1, n_patches: int = 0, n_bodies: int = 0, n_compacted: int = 0):
         if n_compacted not in (0, n_patches):

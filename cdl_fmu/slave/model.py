@@ -143,7 +143,8 @@ class KernelModel(Model):
 
     A native FMU holds the pool as it was made when the FMU was built (see ``built_in``). Where the extents of arrays hang on parameters
     that may change after that, ``resize_kernel(p, extents, growth)`` writes them over those of then: of all arrays in their order, and
-    the numbers ``per_step`` and ``limit`` of a RowPool. The C library that kernels call, if they call one, is named in ``library``.
+    the numbers ``per_step`` and ``limit`` of a RowPool. If it ``gains_from_vectors``, there are twins of its kernels for newer processors.
+    The C library that kernels call, if they call one, is named in ``library``.
     """
 
     initialise_kernel: object
@@ -151,6 +152,7 @@ class KernelModel(Model):
     parallel_step_kernel: object | None = None
     arguments: tuple[str, ...] | None = None
     resize_kernel: object | None = None
+    gains_from_vectors = False
     needs_python: str = ""
     library: Library | None = None
     starts_from_inputs = False

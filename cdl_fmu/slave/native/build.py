@@ -71,10 +71,7 @@ def build_native_fmus(
         ExportError: The kernels cannot stand without Python.
         CompilerError: There is no C compiler for both platforms.
     """
-    if model.needs_python:
-        raise ExportError(
-            f"{model.identifier} cannot be a native FMU: {model.needs_python}; take the FMU that 'cdl build {model.identifier}' makes"
-        )
+    _refuse_python(model)
     library = model.library
     if library and sys.platform != "linux":
         raise ExportError(f"{model.identifier}: its native FMU ships {library.file.stem} for linux64: build it on Linux")
@@ -88,6 +85,7 @@ def build_native_fmus(
     pool = model.make_pool(instance.p, files)
     contents = {path.name: digest(path) for path in files.values()} | {"sources": _sources(library)}
     guid = model_guid(model, starts, contents)
+    compile_kernels([model])
     with tempfile.TemporaryDirectory(prefix="cdl-native-") as folder:
         binaries = {}
         for platform, code in _kernels(model).items():
@@ -151,18 +149,39 @@ def _serial(model: KernelModel) -> KernelModel:
     return serial
 
 
-def _kernels(model: KernelModel) -> dict[Platform, Path]:
-    """Object files of the model's kernels in the user's cache, made there if their sources are new."""
-    folder = cache_folder("native", sources_hash()[:16])
-    platforms = ("linux64",) if model.library else tuple(_PLATFORMS)
-    paths = {platform: folder / f"{model.identifier}-{type(model).__module__}.{platform}.o" for platform in platforms}
-    if not all(path.exists() for path in paths.values()):
-        for path, code in zip(paths.values(), object_code(model, [_PLATFORMS[platform][0] for platform in platforms])):
+def compile_kernels(models: Iterable[KernelModel]) -> None:
+    """Compile the kernels of these models, what they share once; the FMUs are built from them in no time.
+
+    Raises:
+        ExportError: The kernels cannot stand without Python.
+    """
+    missing = []
+    for model in models:
+        _refuse_python(model)
+        paths = _kernels(model)
+        if not all(path.exists() for path in paths.values()):
+            missing.append((model, paths))
+    wanted = [(model, [_PLATFORMS[platform][0] for platform in paths]) for model, paths in missing]
+    for (_, paths), codes in zip(missing, object_code(wanted)):
+        for path, code in zip(paths.values(), codes):
             # Beside the target: the finished file takes its name in one step.
-            with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
                 file.write(code)
             os.replace(file.name, path)
-    return paths
+
+
+def _refuse_python(model: KernelModel) -> None:
+    if model.needs_python:
+        raise ExportError(
+            f"{model.identifier} cannot be a native FMU: {model.needs_python}; take the FMU that 'cdl build {model.identifier}' makes"
+        )
+
+
+def _kernels(model: KernelModel) -> dict[Platform, Path]:
+    """Object files of the model's kernels in the user's cache, once they are compiled."""
+    folder = cache_folder("native", sources_hash()[:16])
+    platforms = ("linux64",) if model.library else tuple(_PLATFORMS)
+    return {platform: folder / f"{model.identifier}-{type(model).__module__}.{platform}.o" for platform in platforms}
 
 
 def _write(

@@ -15,10 +15,11 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from importlib import import_module
+from queue import Queue
 
 import llvmlite.binding as llvm
 
@@ -52,36 +53,65 @@ class ExportError(Exception):
     """A model's kernels cannot stand without Python; the message says what they call and what to change."""
 
 
-def object_code(model: KernelModel, triples: Sequence[str]) -> list[bytes]:
-    """Compile a model's kernels to object files.
+def object_code(wanted: Sequence[tuple[KernelModel, Sequence[str]]]) -> list[list[bytes]]:
+    """Compile the kernels of models to object files, those for any processor and those with vectors at once; what models share, once.
 
     Args:
-        model: The model, of a class that can be imported by name.
-        triples: LLVM target triples of this machine's processor architecture, such as ``x86_64-pc-windows-gnu``.
+        wanted: Models, of classes that can be imported by name, each with LLVM target triples of this machine's processor architecture,
+            such as ``x86_64-pc-windows-gnu``.
 
     Returns:
-        An object file for each; of foreign functions it needs only those in ``LIBM``, ``MEMORY`` and the model's library.
+        For each model an object file for each triple; of foreign functions it needs only those in ``LIBM``, ``MEMORY`` and the model's
+        library.
 
     Raises:
         ExportError: The kernels need more than that, or the class cannot be imported.
     """
-    cls = type(model)
-    if cls.__module__ == "__main__":
-        raise ExportError(f"{cls.__qualname__} is defined in a script: move it to a module that can be imported, to export it")
-    order = json.dumps([cls.__module__, cls.__qualname__, model.sizes])
+    for model, _ in wanted:
+        if type(model).__module__ == "__main__":
+            name = type(model).__qualname__
+            raise ExportError(f"{name} is defined in a script: move it to a module that can be imported, to export it")
+    done: Queue = Queue()
     with ThreadPoolExecutor() as pool:
-        levels = list(pool.map(partial(_compiled_for, model.identifier, order), _LEVELS))
-    theirs = frozenset(model.library.functions if model.library else ())
-    return [_emit(levels, triple, theirs) for triple in triples]
+        for level in _LEVELS:
+            pool.submit(_compile_all, [(i, model) for i, (model, _) in enumerate(wanted) if level in _levels_of(model)], level, done)
+        entries: list[dict] = [{} for _ in wanted]
+        codes: list[list] = [[] for _ in wanted]
+        for _ in range(sum(len(_levels_of(model)) for model, _ in wanted)):
+            i, level, compiled = done.get()
+            if isinstance(compiled, ExportError):
+                raise compiled
+            entries[i][level] = compiled
+            model, triples = wanted[i]
+            if len(entries[i]) == len(_levels_of(model)):
+                theirs = frozenset(model.library.functions if model.library else ())
+                codes[i] = [pool.submit(_emit, entries[i], triple, theirs) for triple in triples]
+        return [[code.result() for code in of_model] for of_model in codes]
 
 
-def _compiled_for(identifier: str, order: str, level: str) -> dict[str, tuple[str, str]]:
-    """The entries compiled for a level of the architecture: IR and symbol, by the name that each gets in the object."""
+def _levels_of(model: KernelModel) -> Sequence[str]:
+    return _LEVELS if model.gains_from_vectors else _LEVELS[:1]
+
+
+def _compile_all(models: Sequence[tuple[int, KernelModel]], level: str, done: Queue) -> None:
+    """Put number of the model, level and the model's entries into the queue, or an ExportError for them, one model after the other."""
     environment = os.environ | _ENVIRONMENT | {_CPU: level, "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-m", __name__], input=order, env=environment, capture_output=True, text=True)
-    if done.returncode:
-        raise ExportError(f"{identifier}: {done.stderr.strip()}")
-    return json.loads(done.stdout)
+    orders = json.dumps([(type(model).__module__, type(model).__qualname__, model.sizes) for _, model in models])
+    command, pipes = [sys.executable, "-m", __name__], dict(stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    with (
+        tempfile.TemporaryFile("w+") as said,
+        subprocess.Popen(command, env=environment, stderr=said, **pipes) as process,
+    ):
+        process.stdin.write(orders)
+        process.stdin.close()
+        for i, model in models:
+            line = process.stdout.readline()
+            if not line:
+                process.wait()
+                said.seek(0)
+                done.put((i, level, ExportError(f"{model.identifier}: {said.read().strip()}")))
+                return
+            done.put((i, level, json.loads(line)))
 
 
 def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:
@@ -201,18 +231,18 @@ def target_machine(triple: str) -> llvm.TargetMachine:
     return llvm.Target.from_triple(triple).create_target_machine(cpu=_LEVELS[0], opt=3, reloc="pic", codemodel="small")
 
 
-def _emit(levels: Sequence[dict[str, tuple[str, str]]], triple: str, theirs: frozenset[str]) -> bytes:
-    """Object file of the entries at each level, what they call, and what chooses among them, and nothing else.
+def _emit(entries: Mapping[str, dict[str, tuple[str, str]]], triple: str, theirs: frozenset[str]) -> bytes:
+    """Object file of the entries by level, what they call, and what chooses among levels, and nothing else.
 
     ``theirs`` are the functions of the model's library.
     """
     machine = target_machine(triple)
     module = llvm.parse_assembly("")
-    choices = []
-    for name in levels[0]:
+    choices, names = [], entries[_LEVELS[0]].keys()
+    for name in names:
         kinds = []
-        for level, entries in zip(_LEVELS, levels):
-            ir, symbol = entries[name]
+        for level in entries:
+            ir, symbol = entries[level][name]
             ir = _COUNTS.sub(r"\1  ret void\n}", ir)
             part = llvm.parse_assembly(re.sub(r"^(define .*) \{$", rf'\1 "target-cpu"="{level}" {{', ir, flags=re.MULTILINE))
             for value in (*part.functions, *part.global_variables):
@@ -222,10 +252,10 @@ def _emit(levels: Sequence[dict[str, tuple[str, str]]], triple: str, theirs: fro
             entry.linkage, entry.name = "external", f"{name}.{level}"
             kinds = [str(argument.type) for argument in entry.arguments]
             module.link_in(part)
-        choices.append(_choice(name, kinds))
+        choices.append(_choice(name, kinds, list(entries)))
     module.link_in(llvm.parse_assembly("\n".join(["@cpu_has_vectors = external hidden global i32", *choices])))
     for function in module.functions:
-        if not function.is_declaration and function.name not in levels[0]:
+        if not function.is_declaration and function.name not in names:
             function.linkage = "internal"
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
@@ -235,39 +265,39 @@ def _emit(levels: Sequence[dict[str, tuple[str, str]]], triple: str, theirs: fro
     if foreign:
         raise ExportError(f"the kernels call {', '.join(sorted(foreign))}; {_RULE}")
     # numba numbers what it compiles, so local names depend on what else was compiled or cached: not in a reproducible object.
-    local = (v for v in (*module.functions, *module.global_variables) if not v.is_declaration and v.name not in levels[0])
+    local = (v for v in (*module.functions, *module.global_variables) if not v.is_declaration and v.name not in names)
     for i, value in enumerate(local):
         value.name = f"local{i}"
     module.triple, module.data_layout, module.name = triple, str(machine.target_data), "kernels"
     return machine.emit_object(module)
 
 
-def _choice(name: str, kinds: Sequence[str]) -> str:
+def _choice(name: str, kinds: Sequence[str], levels: Sequence[str]) -> str:
     """IR of an entry that goes on to the one that the processor can run, as ``cpu_has_vectors`` of ``c/instance.c`` says."""
     arguments = ", ".join(f"{kind} %a{i}" for i, kind in enumerate(kinds))
-    any_level, with_vectors = (f'@"{name}.{level}"' for level in _LEVELS)
+    at_any, at_best = f'@"{name}.{min(levels)}"', f'@"{name}.{max(levels)}"'
+    declared = "\n".join(f'declare i32 @"{name}.{level}"({", ".join(kinds)})' for level in levels)
     return f"""
-declare i32 {any_level}({", ".join(kinds)})
-declare i32 {with_vectors}({", ".join(kinds)})
+{declared}
 define hidden i32 @{name}({arguments}) {{
   %level = load i32, ptr @cpu_has_vectors
   %old = icmp eq i32 %level, 0
-  br i1 %old, label %any, label %vectors
+  br i1 %old, label %any, label %best
 any:
-  %r = tail call i32 {any_level}({arguments})
+  %r = tail call i32 {at_any}({arguments})
   ret i32 %r
-vectors:
-  %s = tail call i32 {with_vectors}({arguments})
+best:
+  %s = tail call i32 {at_best}({arguments})
   ret i32 %s
 }}"""
 
 
 def _main() -> None:
-    module, name, sizes = json.load(sys.stdin)
-    try:
-        json.dump(_entries(getattr(import_module(module), name)(**sizes)), sys.stdout)
-    except ExportError as error:
-        sys.exit(str(error))
+    for module, name, sizes in json.load(sys.stdin):
+        try:
+            print(json.dumps(_entries(getattr(import_module(module), name)(**sizes))), flush=True)
+        except ExportError as error:
+            sys.exit(str(error))
 
 
 if __name__ == "__main__":
