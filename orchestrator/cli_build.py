@@ -53,9 +53,9 @@ def build(
     models = [model_of(name) for name in names] if names else SHIPPED
     if native and not names:
         for model in models:
-            if model.needs_python:
-                say(f"note: {model.identifier} is left out: {model.needs_python}")
-        models = [model for model in models if not model.needs_python]
+            if why := _left_out(model):
+                say(f"note: {model.identifier} is left out: {why}")
+        models = [model for model in models if not _left_out(model)]
     values = values_of(settings)
 
     def one(model) -> Path:
@@ -76,6 +76,12 @@ def build(
     print(f"written to {folder}" + (", for FMI 3.0 to its folder fmi3" if native else ""))
     if not native:
         _note_loader()
+
+
+def _left_out(model) -> str:
+    if model.needed_files:
+        return f"it holds its mesh from the start: cdl build --native {model.identifier} --file {model.needed_files[0]}=PATH"
+    return model.needs_python
 
 
 def _at_once(function: Callable, items: Iterable) -> Iterable:

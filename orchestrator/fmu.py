@@ -313,6 +313,8 @@ class Slave:
         return ctypes.PYFUNCTYPE(c_int, *arguments)(self.address_of(name))
 
     def _call(self, what: str, function, *args, **kwargs):
+        if not self._alive:
+            raise SlaveError(f"{self.name} is gone since an earlier error: {what} is not possible any more")
         try:
             return function(*args, **kwargs)
         except Exception as error:

@@ -9,8 +9,10 @@ from typer.core import TyperGroup
 
 # What users can cause and mend, by module: the message says how, so a traceback would only hide it.
 _REFUSALS = {
+    "cdl_fmu.slave.compiler": "CompilerError",
     "cdl_fmu.slave.kernel": "CacheError",
     "cdl_fmu.slave.model": "ModelError",
+    "cdl_fmu.slave.native.kernels": "ExportError",
     "cdl_fmu.soil": "SoilError",
     "cdl_fmu.soil.measurements": "IdentifyError",
     "orchestrator.experiment": "ExperimentError",

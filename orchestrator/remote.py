@@ -20,6 +20,7 @@ from cdl_fmu.slave.remote_slave import DESCRIPTION
 from cdl_fmu.slave.wire import Call, Kind, Wire, pack_values, unpack_references, unpack_values
 
 from .fmu import Slave
+from .run import RunError
 from .ssp import Component, SspError, System
 from .ssp.read import SSD
 
@@ -87,6 +88,15 @@ class _Served(Slave):
         raise _Refused(said) from cause
 
 
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        return socket.create_server((host, port))
+    except OSError as error:
+        raise RunError(
+            f"nothing can listen at {host}:{port} ({error.strerror}): give another --port, or an address of this machine"
+        ) from None
+
+
 def serve(system: System, name: str, host: str, port: int, tell: Callable[[str], None]) -> None:
     """Run a component of a system for one master after the other, a fresh instance for each, until interrupted.
 
@@ -97,7 +107,7 @@ def serve(system: System, name: str, host: str, port: int, tell: Callable[[str],
     identifier = component.model_description.coSimulation.modelIdentifier
     while True:
         # It listens between two masters only: a second one is refused at once, and not kept waiting for the first one's end.
-        with socket.create_server((host, port)) as listener:
+        with _listening(host, port) as listener:
             port = listener.getsockname()[1]
             tell(f"serving {name} ({identifier}) at {host}:{port}")
             connected, address = listener.accept()

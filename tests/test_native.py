@@ -148,5 +148,7 @@ def test_class_that_cannot_be_imported_is_refused(tmp_path):
 def test_particles_and_parameters_that_do_not_fit_are_refused_before_anything_is_compiled(tmp_path):
     with pytest.raises(ExportError, match=r"cdl_dem_w1 cannot be a native FMU: between steps Python puts .* 'cdl build cdl_dem_w1'"):
         built(DEM(1), tmp_path, {})
+    with pytest.raises(ModelError, match=r"body\[1\].mesh names no file, which a native FMU holds from the start: give --file body"):
+        built(RBC(2, 1), tmp_path, {})
     with pytest.raises(ModelError, match=r"body\[1\].mesh = '.*missing.stl': no such file"):
         built(RBC(2, 1), tmp_path, {"body[1].mesh": tmp_path / "missing.stl"})

@@ -111,7 +111,7 @@ class BCM(KernelModel):
         else:
             self.step_kernel = (step_on_mesh if n_grounds else step_on_flat)(_contact)
         if n_grounds:
-            self.files, self.pool_class = GROUND, ConstantPool
+            self.files, self.needed_files, self.pool_class = GROUND, tuple(GROUND), ConstantPool
         if n_compacted:
             self.rules = (*BCM.rules, _LOCAL_STRESS)
 

@@ -75,6 +75,7 @@ class RBC(KernelModel):
             | Record(body=Array(n_bodies, BODY | Record(restitution=restitution)))
         )
         self.files = tool_files(n_bodies)
+        self.needed_files = tuple(f"body[{j + 1}].mesh" for j in range(n_bodies))
         self.inputs = tool_twists(n_wheels, n_bodies) | tool_inputs(n_wheels, n_bodies)
         steps = "Steps with contacts"
         self.state = Record(

@@ -192,6 +192,7 @@ class SCM(KernelModel):
             "wheel_mesh": "Closed mesh of the wheels (.stl, .obj or .ply, in metres, y is the axle); none = cylinder with grousers",
             **{f"body[{i + 1}].mesh": "Closed mesh of the body (.stl, .obj or .ply, in metres)" for i in range(n_bodies)},
         }
+        self.needed_files = tuple(f"body[{i + 1}].mesh" for i in range(n_bodies))
         self.inputs = wheel_pose(n_wheels) | wheel_active(n_wheels) | trailing_in(n_patches) | body_pose(n_bodies)
         side = Real(0.0, "m", "Displacement of steep faces against the soil beside them, along and across", (2,))
         pushed = Real(0.0, "m", "Displacement of the soil that it pushes ahead, in world axes", (2,))

@@ -74,6 +74,7 @@ class Model:
         events: Meaning of the status numbers that ``step`` returns (0 = fine).
         feedthrough: False if no output at t depends on an input at t, so that a master may break a cycle here.
         files: Parameters that name a file, with their descriptions; they are strings and live beside the records.
+        needed_files: Those of them without which it makes no step.
         pool_class: Class of the pools that ``make_pool`` makes, None without.
         needs_python: What keeps it from becoming a native FMU; "" if nothing does.
     """
@@ -87,6 +88,7 @@ class Model:
     events: dict[int, Event] = {}
     feedthrough = True
     files: dict[str, str] = {}
+    needed_files: tuple[str, ...] = ()
     pool_class: type[Pool] | None = None
     needs_python: str = "its step is written in Python"
 

@@ -89,7 +89,7 @@ class VEM(KernelModel):
         else:
             self.step_kernel = step_on_mesh(contact_with_plane, further=_FURTHER) if n_grounds else step_on_flat(contact_with_plane)
         if n_grounds:
-            self.files, self.pool_class = GROUND, ConstantPool
+            self.files, self.needed_files, self.pool_class = GROUND, tuple(GROUND), ConstantPool
 
     def _meet(self, n_wheels: int, n_bodies: int) -> None:
         """Declare a model whose wheels meet bodies."""
@@ -98,6 +98,7 @@ class VEM(KernelModel):
         others = {name: field for name, field in VEM.parameters.fields.items() if name not in flat and name not in TOOLS.fields}
         self.parameters = TOOLS | Record(**others) | Record(body=Array(n_bodies, BODY | Record(**own)))
         self.files = tool_files(n_bodies)
+        self.needed_files = tuple(f"body[{j + 1}].mesh" for j in range(n_bodies))
         self.events = TOOL_EVENTS
         self.pool_class = ConstantPool
         self.inputs = tool_inputs(n_wheels, n_bodies)

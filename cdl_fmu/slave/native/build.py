@@ -23,7 +23,7 @@ from ..compiler import Platform, compile_shared
 from ..description import DISTRIBUTION, installed_version, model_description, model_guid
 from ..kernel import cache_folder, kernel, sources_hash
 from ..library import Library
-from ..model import Instance, KernelModel
+from ..model import Instance, KernelModel, ModelError
 from ..records import Record
 from .description3 import model_description3
 from .kernels import ExportError, object_code
@@ -48,7 +48,9 @@ _NONE: Mapping = MappingProxyType({})
 def cached_native_fmu(model: KernelModel, starts: Mapping[str, float | str] = _NONE, files: Mapping[str, Path] = _NONE) -> Path:
     """Path of the model's native FMU of FMI 2 with these start values and files in the user's cache, built there if it is new."""
     packed = sorted((name, path.name, digest(path)) for name, path in checked_files(model, files).items())
-    key = hashlib.sha256(f"native {_sources(model.library)} {installed_version()} {sorted(starts.items())} {packed}".encode()).hexdigest()
+    key = hashlib.sha256(
+        f"native {_sources(model.library)} {installed_version()} {sorted(starts.items())} {packed} {type(model)}".encode()
+    ).hexdigest()
     path = cache_folder("fmus", key[:16]) / f"{model.identifier}.fmu"
     if not path.exists():
         build_native_fmus(model, {"2.0": path}, starts, files)
@@ -80,6 +82,11 @@ def build_native_fmus(
     instance = Instance(model)
     instance.set_starts(starts)
     instance.check()
+    for name in model.needed_files:
+        if name not in files:
+            raise ModelError(
+                f"{name} names no file, which a native FMU holds from the start: give --file {name}=PATH ({model.files[name]})"
+            )
     names = {name: files[name].name if name in files else "" for name in model.files}
     given = instance.block.copy()
     pool = model.make_pool(instance.p, files)
@@ -110,7 +117,7 @@ def build_native_fmus(
                 description = model_description(model, guid, {**starts, **{name: text for name, text in names.items() if text}})
             else:
                 description = model_description3(model, guid, given, names)
-            _write(path, version, description, binaries, content, library)
+            _write(path, version, description, binaries, _resources(content, files), library)
 
 
 def _sum(data: bytes) -> bytes:
@@ -185,7 +192,12 @@ def _kernels(model: KernelModel) -> dict[Platform, Path]:
 
 
 def _write(
-    path: Path, version: str, description: Element, binaries: Mapping[Platform, Path], content: bytes, library: Library | None
+    path: Path,
+    version: str,
+    description: Element,
+    binaries: Mapping[Platform, Path],
+    resources: Mapping[str, bytes],
+    library: Library | None,
 ) -> None:
     """Write the archive, which appears at once or not at all."""
     column = {"2.0": 1, "3.0": 2}[version]
@@ -195,9 +207,13 @@ def _write(
         members[f"binaries/{_PLATFORMS['linux64'][column]}/{library.file.name}"] = library.file.read_bytes()
     licences = (*_LICENCES, *(library.licences if library else ()))
     members |= {f"documentation/licenses/{name}": text for name, text in _licences(licences).items()}
-    if content:
-        members["resources/constants.bin"] = content
+    members |= {f"resources/{name}": content for name, content in resources.items()}
     write_archive(path, members)
+
+
+def _resources(content: bytes, files: Mapping[str, Path]) -> dict[str, bytes]:
+    """What the binary reads, and the files that it comes from, for those who want to draw them."""
+    return ({"constants.bin": content} if content else {}) | {path.name: path.read_bytes() for path in files.values()}
 
 
 def _licences(licences: Iterable[tuple[str, str]]) -> dict[str, bytes]:

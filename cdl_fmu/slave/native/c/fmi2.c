@@ -57,11 +57,16 @@ static char *path_of(const char *uri)
     int is_uri = strncmp(uri, "file:", 5) == 0;
     if (is_uri) {
         uri += 5;
+#ifdef _WIN32
+        if (uri[0] == '/' && uri[1] == '/' && (uri[2] == '/' || !strncmp(uri + 2, "localhost/", 10)))
+            uri = strchr(uri + 2, '/'); /* others are a server's name, with which Windows' paths begin, too */
+#else
         if (uri[0] == '/' && uri[1] == '/') {
             uri += 2;
             while (*uri && *uri != '/') /* the host */
                 uri++;
         }
+#endif
 #ifdef _WIN32
         if (uri[0] == '/' && uri[1] && uri[2] == ':')
             uri++;

@@ -27,7 +27,9 @@ __attribute__((constructor)) static void look_at_cpu(void)
     if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_FMA) || !(c & bit_MOVBE) || !(c & bit_OSXSAVE) || !(c & bit_F16C))
         return;
     __asm__("xgetbv" : "=a"(kept), "=d"(more) : "c"(0));
-    if ((kept & 6) == 6 && __get_cpuid_count(7, 0, &a, &b, &c, &d))
+    if ((kept & 6) != 6 || !__get_cpuid(0x80000001, &a, &b, &c, &d) || !(c & bit_LZCNT))
+        return;
+    if (__get_cpuid_count(7, 0, &a, &b, &c, &d))
         cpu_has_vectors = (b & bit_AVX2) && (b & bit_BMI) && (b & bit_BMI2);
 }
 

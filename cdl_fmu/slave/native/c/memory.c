@@ -3,6 +3,11 @@
 
 #include "memory.h"
 
+#ifdef _WIN32
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#endif
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -53,6 +58,17 @@ uint64_t sum_of(uint64_t sum, const void *data, size_t n)
     return sum;
 }
 
+/* A file by its path in UTF-8, which Windows has to be told. */
+static FILE *opened(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[4096];
+    return MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, 4096) ? _wfopen(wide, L"rb") : NULL;
+#else
+    return fopen(path, "rb");
+#endif
+}
+
 /* Read the constants: the FMU's GUID, by which they belong to it, their sum, and then all of them in order. */
 static int read_content(const struct instance *m, struct memory *memory)
 {
@@ -67,7 +83,7 @@ static int read_content(const struct instance *m, struct memory *memory)
             continue;
         if (!file) {
             snprintf(path, sizeof path, "%s/constants.bin", m->resources);
-            file = fopen(path, "rb");
+            file = opened(path);
             if (!file)
                 return refuse(m, "%s is missing, in which the FMU keeps its terrain and meshes: unpack the FMU again, and give the location "
                                  "of its resources at instantiation", path);

@@ -118,6 +118,8 @@ struct saved *state_save(struct instance *m, struct saved *into)
     memcpy(saved->block, m->block, block_bytes());
     if (m->memory && has_rows() && save_rows(m, saved)) {
         refuse(m, "out of memory for a state");
+        clear(saved);
+        saved->has_memory = 0; /* restored, it can be reset and no more */
         if (!into)
             state_free(m, saved);
         return NULL;
@@ -153,6 +155,14 @@ static int restore_rows(const struct instance *m, const struct saved *saved)
     return OK;
 }
 
+/* A restore that fails leaves an instance that can be reset or freed, and do nothing else. */
+static int lost(struct instance *m)
+{
+    m->phase = TERMINATED;
+    m->is_fresh = 0;
+    return ERROR;
+}
+
 int state_restore(struct instance *m, const struct saved *saved)
 {
     memcpy(m->block, saved->block, block_bytes());
@@ -162,15 +172,15 @@ int state_restore(struct instance *m, const struct saved *saved)
     if (!saved->has_memory) {
         memory_free(m->memory);
         m->memory = NULL;
-        return OK;
+        return saved->phase == STEPPING ? lost(m) : OK;
     }
     if (!m->memory || memcmp(m->memory->made_for, m->block, (size_t)model->n_p * sizeof(double))) {
         memory_free(m->memory);
         m->memory = memory_new(m);
         if (!m->memory)
-            return ERROR;
+            return lost(m);
     }
-    return has_rows() ? restore_rows(m, saved) : OK;
+    return has_rows() && restore_rows(m, saved) ? lost(m) : OK;
 }
 
 /* -- as bytes: GUID, length of the header, header in JSON, block; then of rows their number, the numbers of marks and of the head, and the
