@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cache
-from importlib.metadata import distribution
+from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
@@ -220,7 +220,11 @@ def _licences(licences: Iterable[tuple[str, str]]) -> dict[str, bytes]:
     """Texts by file name; FMI wants that of the FMU itself under the name license.txt."""
     texts = {}
     for package, file in licences:
-        text = distribution(package).read_text(f"licenses/{file}")
+        # A checkout may hold a second record of the package, without licences.
+        found = (d.read_text(f"licenses/{file}") for d in distributions(name=package))
+        text = next(filter(None, found), None)
+        if text is None:
+            raise ExportError(f"the licence of {package}, {file}, is not among its installed files: install {package} again with pip")
         name = "license.txt" if package == DISTRIBUTION else f"{package}-{file.replace('/', '-')}.txt"
-        texts[name] = (text or "").encode()
+        texts[name] = text.encode()
     return texts
