@@ -8,6 +8,7 @@ from native_inputs import some_inputs
 from natives import MODELS, Twins
 
 from cdl_fmu.bcm import BCM
+from cdl_fmu.rbc import RBC
 from cdl_fmu.scm import SCM
 from cdl_fmu.slave.model import ModelError
 from orchestrator.fmu import SlaveError
@@ -168,3 +169,16 @@ def test_parameters_are_fixed_during_a_run_and_unknown_references_are_refused(tm
         pair.native._set_parameter("r_w", 0.2)
     with pytest.raises(SlaveError, match="step length h = nan s at t = 0 s: it must be finite and not negative"):
         pair.native.step(0.0, float("nan"))
+
+
+def test_a_restore_that_fails_ends_the_instance_and_not_the_process(tmp_path):
+    pair = Twins(RBC(2, 1), tmp_path)
+    pair.initialise()
+    pair.native.step(0.0, H)
+    saved = pair.native.save()
+    pair.native._fmu.reset()
+    (pair.native._directory / "resources" / "constants.bin").unlink()
+    with pytest.raises(SlaveError, match=r"constants.bin is missing"):
+        pair.native.restore(saved)
+    assert pair.native._do_step(pair.native._component, H, H, 1) == 3  # fmi2Error
+    assert "is not allowed after it was terminated" in pair.native._errors[-1]
