@@ -23,7 +23,7 @@ from ..compiler import Platform, compile_shared
 from ..description import DISTRIBUTION, installed_version, model_description, model_guid
 from ..kernel import cache_folder, kernel, sources_hash
 from ..library import Library
-from ..model import Instance, KernelModel, ModelError
+from ..model import LATEST, STATUS_SPAN, Instance, KernelModel, ModelError
 from ..records import Record
 from .description3 import model_description3
 from .kernels import ExportError, object_code
@@ -106,7 +106,7 @@ def build_native_fmus(
                 binaries[platform],
                 platform=platform,
                 objects=[table, code, *([library.file] if library else [])],
-                flags=[f"-I{Path(find_spec('fmpy').origin).parent / 'c-code'}", *_flags(library)],  # FMI's own headers
+                flags=_flags(library),
                 libraries=["m"],
             )
         arrays = content_of(pool)
@@ -141,8 +141,9 @@ def _sources(library: Library | None) -> str:
 
 
 def _flags(library: Library | None) -> list[str]:
-    """For the compiler: the library lies beside the binary."""
-    return ["-DMODEL_OPENS", f"-I{_C}", f"-I{library.headers}", "-Wl,-rpath,$ORIGIN"] if library else []
+    """For the compiler: FMI's own headers, what C and Python agree on, and a library that lies beside the binary."""
+    flags = [f"-I{Path(find_spec('fmpy').origin).parent / 'c-code'}", f"-DSTATUS_SPAN={STATUS_SPAN}", f"-DLATEST={LATEST!r}"]
+    return flags + (["-DMODEL_OPENS", f"-I{_C}", f"-I{library.headers}", "-Wl,-rpath,$ORIGIN"] if library else [])
 
 
 def _serial(model: KernelModel) -> KernelModel:

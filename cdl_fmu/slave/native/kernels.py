@@ -74,7 +74,8 @@ def object_code(wanted: Sequence[tuple[KernelModel, Sequence[str]]]) -> list[lis
     done: Queue = Queue()
     with ThreadPoolExecutor() as pool:
         for level in _LEVELS:
-            pool.submit(_compile_all, [(i, model) for i, (model, _) in enumerate(wanted) if level in _levels_of(model)], level, done)
+            if models := [(i, model) for i, (model, _) in enumerate(wanted) if level in _levels_of(model)]:
+                pool.submit(_compile_all, models, level, done)
         entries: list[dict] = [{} for _ in wanted]
         codes: list[list] = [[] for _ in wanted]
         for _ in range(sum(len(_levels_of(model)) for model, _ in wanted)):
@@ -106,12 +107,14 @@ def _compile_all(models: Sequence[tuple[int, KernelModel]], level: str, done: Qu
         process.stdin.close()
         for i, model in models:
             line = process.stdout.readline()
-            if not line:
+            try:
+                done.put((i, level, json.loads(line)))
+            except json.JSONDecodeError:  # it ended, or something printed: whoever waits for the queue must hear of it
+                process.kill()
                 process.wait()
                 said.seek(0)
-                done.put((i, level, ExportError(f"{model.identifier}: {said.read().strip()}")))
+                done.put((i, level, ExportError(f"{model.identifier}: {(said.read() or line).strip()}")))
                 return
-            done.put((i, level, json.loads(line)))
 
 
 def _entries(model: KernelModel) -> dict[str, tuple[str, str]]:

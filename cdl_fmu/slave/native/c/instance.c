@@ -11,9 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STATUS_SPAN = 256, LONGEST = 2048 }; /* model.py: status + STATUS_SPAN * index */
-
-static const double LATEST = 1e9; /* model.py: [s] */
+enum { LONGEST = 2048 }; /* STATUS_SPAN and LATEST come from model.py, by way of the compiler's command line */
 
 static const struct table *const model = &model_table;
 
