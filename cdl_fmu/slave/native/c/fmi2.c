@@ -244,65 +244,37 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference references[],
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     INSTANCE(ALWAYS)
-    if (!state)
-        return (fmi2Status)refuse(m, "%s got no place for the state", __func__);
-    if (*state && !is_state_of(m, *state))
-        return (fmi2Status)refuse(m, "%s got a state that it did not give: pass NULL for a new one", __func__);
-    struct saved *saved = state_save(m, *state);
-    if (!saved)
-        return fmi2Error;
-    *state = saved;
-    return fmi2OK;
+    return (fmi2Status)handle_get(m, state, __func__);
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
     INSTANCE(ALWAYS)
-    if (!is_state_of(m, state))
-        return (fmi2Status)refuse(m, "%s got a state that this instance did not give, or that was freed", __func__);
-    return (fmi2Status)state_restore(m, state);
+    return (fmi2Status)handle_set(m, state, __func__);
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     INSTANCE(ALWAYS)
-    if (!state || !*state)
-        return fmi2OK;
-    fmi2Status status = (fmi2Status)state_free(m, *state);
-    *state = NULL;
-    return status;
+    return (fmi2Status)handle_free(m, state);
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
     INSTANCE(ALWAYS)
-    if (!size || !is_state_of(m, state))
-        return (fmi2Status)refuse(m, "%s got a state that this instance did not give, or that was freed", __func__);
-    *size = state_size(state);
-    return fmi2OK;
+    return (fmi2Status)handle_size(m, state, size, __func__);
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
     INSTANCE(ALWAYS)
-    if (!bytes || !is_state_of(m, state))
-        return (fmi2Status)refuse(m, "%s got a state that this instance did not give, or that was freed", __func__);
-    if (size < state_size(state))
-        return (fmi2Status)refuse(m, "%s got room for %zu bytes: the state has %zu", __func__, size, state_size(state));
-    state_write(state, (unsigned char *)bytes);
-    return fmi2OK;
+    return (fmi2Status)handle_write(m, state, bytes, size, __func__);
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
     INSTANCE(ALWAYS)
-    if (!state)
-        return (fmi2Status)refuse(m, "%s got no place for the state", __func__);
-    struct saved *saved = state_read(m, (const unsigned char *)bytes, size);
-    if (!saved)
-        return fmi2Error;
-    *state = saved;
-    return fmi2OK;
+    return (fmi2Status)handle_read(m, bytes, size, state, __func__);
 }
 
 /* -- what modelDescription.xml says that it cannot do */

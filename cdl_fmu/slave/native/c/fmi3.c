@@ -242,65 +242,37 @@ fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference references[], 
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
 {
     INSTANCE(ALWAYS)
-    if (!state)
-        return (fmi3Status)refuse(m, "%s got no place for the state", __func__);
-    if (*state && !is_state_of(m, *state))
-        return (fmi3Status)refuse(m, "%s got a state that it did not give: pass NULL for a new one", __func__);
-    struct saved *saved = state_save(m, *state);
-    if (!saved)
-        return fmi3Error;
-    *state = saved;
-    return fmi3OK;
+    return (fmi3Status)handle_get(m, state, __func__);
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
 {
     INSTANCE(ALWAYS)
-    if (!is_state_of(m, state))
-        return (fmi3Status)refuse(m, "%s got a state that this instance did not give, or that was freed", __func__);
-    return (fmi3Status)state_restore(m, state);
+    return (fmi3Status)handle_set(m, state, __func__);
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
 {
     INSTANCE(ALWAYS)
-    if (!state || !*state)
-        return fmi3OK;
-    fmi3Status status = (fmi3Status)state_free(m, *state);
-    *state = NULL;
-    return status;
+    return (fmi3Status)handle_free(m, state);
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
 {
     INSTANCE(ALWAYS)
-    if (!size || !is_state_of(m, state))
-        return (fmi3Status)refuse(m, "%s got a state that this instance did not give, or that was freed", __func__);
-    *size = state_size(state);
-    return fmi3OK;
+    return (fmi3Status)handle_size(m, state, size, __func__);
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
     INSTANCE(ALWAYS)
-    if (!bytes || !is_state_of(m, state))
-        return (fmi3Status)refuse(m, "%s got a state that this instance did not give, or that was freed", __func__);
-    if (size < state_size(state))
-        return (fmi3Status)refuse(m, "%s got room for %zu bytes: the state has %zu", __func__, size, state_size(state));
-    state_write(state, bytes);
-    return fmi3OK;
+    return (fmi3Status)handle_write(m, state, bytes, size, __func__);
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
     INSTANCE(ALWAYS)
-    if (!state)
-        return (fmi3Status)refuse(m, "%s got no place for the state", __func__);
-    struct saved *saved = state_read(m, bytes, size);
-    if (!saved)
-        return fmi3Error;
-    *state = saved;
-    return fmi3OK;
+    return (fmi3Status)handle_read(m, bytes, size, state, __func__);
 }
 
 /* -- what modelDescription.xml says that it has not */

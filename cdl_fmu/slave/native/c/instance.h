@@ -1,4 +1,4 @@
-/* An instance of the model, the same for FMI 2 and FMI 3: fmi2.c and fmi3.c translate, instance.c, memory.c and state.c do the work. */
+/* An instance of the model, the same for FMI 2 and FMI 3: fmi2.c and fmi3.c translate, instance.c, memory.c, state.c and handles.c do the work. */
 
 #ifndef INSTANCE_H
 #define INSTANCE_H
@@ -61,5 +61,13 @@ size_t state_size(const struct saved *);
 void state_write(const struct saved *, unsigned char *bytes);
 struct saved *state_read(struct instance *, const unsigned char *bytes, size_t n);
 int is_state_of(const struct instance *, const struct saved *);
+
+/* handles.c: states as a host holds them, for both versions of FMI; ``function`` is the one that it called. */
+int handle_get(struct instance *, void **state, const char *function);
+int handle_set(struct instance *, void *state, const char *function);
+int handle_free(struct instance *, void **state);
+int handle_size(struct instance *, void *state, size_t *size, const char *function);
+int handle_write(struct instance *, void *state, void *bytes, size_t size, const char *function);
+int handle_read(struct instance *, const void *bytes, size_t size, void **state, const char *function);
 
 #endif
